@@ -1,0 +1,90 @@
+"""Flat output and the parameterisation of input and state by its derivatives, (31)-(36)."""
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+
+from controller.planner import InputShapes
+from controller.reduction import ReducedModel
+from controller.transition import Transition
+from plant.basis import Array
+from plant.errors import DesignError
+
+TABULATED_TIMES, TABULATED_PLACES = 64, 257
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatParameterisation:
+    """u = sum_i input[i] xi^(i), x_r = sum_i state[:, i] xi^(i); the flat output xi has one entry an input.
+
+    D_u(s) = prod(1 - s/lambda_i) is scalar: `input` (m + 1,) with m = 2 r N_r, all positive. `state`
+    (m, m, n_u) stacks the matrices that multiply xi, xi', ... xi^(m-1).
+    """
+
+    input: Array   # (m + 1,), s^i
+    state: Array   # (m, m, n_u): state, order of the derivative, input
+
+    @property
+    def degree(self) -> int:
+        """Highest derivative of the flat output needed, m."""
+        return len(self.input) - 1
+
+
+def derivative_scales(degree: int, transition_time: float) -> Array:
+    """i! / T^i, i = 0 ... degree: Taylor coefficients in tau to derivatives in t."""
+    return np.array([factorial(i) / transition_time**i for i in range(degree + 1)])
+
+
+def flat_parameterisation(model: ReducedModel) -> FlatParameterisation:
+    """The parameterisation of a reduced model in its spectral form (31), (34).
+
+    Raises DesignError where eigenvectors are too dependent (a multiple eigenvalue) for the spectral form.
+    """
+    eigenvalues, vectors = np.linalg.eig(model.A)
+    inputs = np.linalg.solve(vectors, model.B.astype(complex))
+    m, n_u = model.B.shape
+    if np.linalg.cond(vectors) > 1e10:
+        raise DesignError("the reduced model has (nearly) multiple eigenvalues, for which the spectral form (31) "
+                          "does not exist; change reduced_modes or the structure")
+    D_u = _product(eigenvalues)
+    state = np.zeros((m, m, n_u), dtype=complex)
+    for index, eigenvalue in enumerate(eigenvalues):
+        D_z = _product(np.delete(eigenvalues, index))          # (34b): all factors but one
+        z = -np.outer(D_z, inputs[index]) / eigenvalue         # (m, n_u)
+        state += vectors[:, index, None, None] * z
+    return FlatParameterisation(input=D_u.real.copy(), state=state.real.copy())
+
+
+def _product(eigenvalues: Array) -> Array:
+    """Coefficients, ascending, of prod(1 - s/lambda); the small factors first, pairs kept together."""
+    product = np.ones(1, dtype=complex)
+    for eigenvalue in sorted(eigenvalues, key=lambda v: (-abs(v), v.imag)):
+        product = np.convolve(product, [1.0, -1 / eigenvalue])
+    return product
+
+
+def transition_series(transition: Transition, degree: int, tau: Array) -> Array:
+    """Taylor coefficients of Theta at each tau (k,); shape (k, degree + 1)."""
+    return np.array([transition.series(float(t), degree) for t in tau])
+
+
+def input_shape(flat: FlatParameterisation, series: Array, transition_time: float) -> Array:
+    """D_u(d/dt) Theta where `series` (k, m + 1) was taken, for one transition time; shape (k,)."""
+    shape: Array = series @ (flat.input * derivative_scales(flat.degree, transition_time))
+    return shape
+
+
+def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, slowest: float) -> InputShapes:
+    """The planner's table, for transition times from 0.5 to 16 periods of the slowest mode (rad/s)."""
+    period = 2 * np.pi / slowest
+    times = period * np.geomspace(0.5, 16, TABULATED_TIMES)
+    series = transition_series(transition, flat.degree, np.linspace(0, 1, TABULATED_PLACES))
+    return InputShapes(times=times, values=np.array([input_shape(flat, series, float(T)) for T in times]))
+
+
+def cancellation(flat: FlatParameterisation, transition: Transition, transition_time: float) -> float:
+    """Largest sum of the terms' magnitudes over the largest sum, along one transition: digits lost, as a ratio."""
+    terms = (transition_series(transition, flat.degree, np.linspace(0, 1, 201))
+             * flat.input * derivative_scales(flat.degree, transition_time))
+    return float(np.max(np.sum(np.abs(terms), axis=1)) / np.max(np.abs(np.sum(terms, axis=1))))

@@ -1,0 +1,87 @@
+"""Superposed transitions within the voltage limit: how long a new one must take (Remarks 4 and 5)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant.basis import Array
+
+SAMPLES = 129      # places along each transition at which a plan is checked
+PATIENCE = 8.0     # longest transition tried, as a multiple of the longest one tabulated or under way
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputShapes:
+    """D_u(d/dt) Theta over the transition, tabulated for a range of transition times.
+
+    One curve serves every input and target, since D_u is scalar. A transition longer than the table uses the last
+    curve, which is Theta itself but for 1e-3.
+    """
+
+    times: Array    # (k,), s, ascending
+    values: Array   # (k, n + 1), at tau = i / n
+
+    def at(self, duration: float, tau: Array) -> Array:
+        """The curve of a transition of `duration` s at tau, linear between tabulated curves and places."""
+        row = float(np.interp(duration, self.times, np.arange(len(self.times))))
+        low = min(int(row), len(self.times) - 2)
+        share = row - low
+        curve = (1 - share) * self.values[low] + share * self.values[low + 1]
+        return np.interp(tau, np.linspace(0, 1, len(curve)), curve)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Transitions under way: u_j(t) = offset_j + sum_k steps_kj shape((t - starts_k) / durations_k)."""
+
+    offset: Array      # (n_u,), V: flat output that earlier transitions have reached
+    starts: Array      # (k,), s
+    durations: Array   # (k,), s
+    steps: Array       # (k, n_u), V
+
+    def voltage(self, shapes: InputShapes, time: Array) -> Array:
+        """Planned voltages at `time` (l,); shape (l, n_u)."""
+        u = np.tile(self.offset, (len(time), 1))
+        for start, duration, step in zip(self.starts, self.durations, self.steps, strict=True):
+            u += np.outer(shapes.at(duration, np.clip((time - start) / duration, 0, 1)), step)
+        return u
+
+    def extended(self, start: float, duration: float, step: Array) -> "Motion":
+        """The motion with one more transition."""
+        return Motion(offset=self.offset, starts=np.append(self.starts, start),
+                      durations=np.append(self.durations, duration),
+                      steps=np.vstack([self.steps, step[None, :]]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """How a target is reached: duration 0 means that it is refused."""
+
+    duration: float   # s
+    peak: float       # largest |u| of the whole motion with this duration, V
+    at_rest: float    # largest |u| at the target, V
+
+
+def plan_transition(motion: Motion, shapes: InputShapes, *, now: float, step: Array, wanted: float,
+                    limit: float) -> Plan:
+    """The shortest transition of at least `wanted` s that keeps the whole motion within +-limit (V).
+
+    `step` (n_u,) is the change of the flat output. Peaks between the table's places are met to about 0.1 %.
+    """
+    goal = float(np.max(np.abs(motion.offset + motion.steps.sum(axis=0) + step)))
+    if goal > limit * (1 + 1e-9):
+        return Plan(duration=0.0, peak=goal, at_rest=goal)
+    tau = np.linspace(0, 1, SAMPLES)
+    pending = np.concatenate([start + duration * tau
+                              for start, duration in zip(motion.starts, motion.durations, strict=True)] or [[]])
+    longest = max(shapes.times[-1], *motion.durations, wanted) * PATIENCE
+    duration, peak = max(wanted, float(shapes.times[0])), goal
+    growth = float(shapes.times[1] / shapes.times[0])
+    while duration <= longest:
+        time = np.concatenate([now + duration * tau, pending[pending > now]])
+        u = motion.extended(now, duration, step).voltage(shapes, time)
+        peak = float(np.max(np.abs(u)))
+        if peak <= limit * (1 + 1e-9):
+            return Plan(duration=duration, peak=peak, at_rest=goal)
+        duration *= growth
+    return Plan(duration=0.0, peak=peak, at_rest=goal)

@@ -1,0 +1,46 @@
+"""The discrete algebraic Riccati equation, scaled, refined and checked."""
+
+import numpy as np
+from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
+
+from plant.basis import Array
+from plant.errors import DesignError
+
+TOLERANCE = 1e-9  # relative residual accepted
+
+
+def residual(A: Array, B: Array, Q: Array, R: Array, S: Array) -> float:
+    """||A'SA - S - A'SB (R + B'SB)^-1 B'SA + Q|| / ||S||."""
+    gain = np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A)
+    return float(np.linalg.norm(A.T @ S @ A - S - A.T @ S @ B @ gain + Q) / np.linalg.norm(S))
+
+
+def solve_riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
+    """Stabilising S (n, n) of A'SA - S - A'SB (R + B'SB)^-1 B'SA + Q = 0.
+
+    A (n, n), B (n, m), Q (n, n) >= 0, R (m, m) > 0. Inputs are scaled to R = I; two Newton steps (Kleinman, as
+    closed-loop Lyapunov equations) remove what the Schur method leaves. Raises DesignError, naming `what`, where
+    no stabilising solution exists or the residual stays above TOLERANCE.
+    """
+    root = np.linalg.cholesky(R)
+    scaled = np.linalg.solve(root, B.T).T
+    identity = np.eye(R.shape[0])
+    try:
+        S = solve_discrete_are(A, scaled, Q, identity)
+        for _ in range(2):
+            gain = np.linalg.solve(identity + scaled.T @ S @ scaled, scaled.T @ S @ A)
+            S = solve_discrete_lyapunov((A - scaled @ gain).T, Q + gain.T @ gain)
+            S = (S + S.T) / 2
+    except (LinAlgError, ValueError) as error:
+        raise DesignError(f"{what}: the Riccati equation has no stabilising solution ({error})") from None
+    if (left := residual(A, scaled, Q, identity, S)) > TOLERANCE:
+        raise DesignError(f"{what}: the Riccati equation is solved to {left:.1e} only, wanted {TOLERANCE:.0e}")
+    result: Array = S
+    return result
+
+
+def require_stable(A: Array, what: str) -> None:
+    """DesignError where an eigenvalue of a discrete-time A (n, n) is not inside the unit circle."""
+    radius = float(np.max(np.abs(np.linalg.eigvals(A))))
+    if radius >= 1:
+        raise DesignError(f"{what} is not stable: an eigenvalue has magnitude {radius:.6g}, wanted < 1")

@@ -1,0 +1,1 @@
+"""The physics of elastically coupled beams with piezoelectric patches: structure file -> matrices."""

@@ -1,0 +1,66 @@
+"""Archives that depend on their contents only, and files that appear whole or not at all."""
+
+import io
+import os
+import time
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.errors import InputError
+
+_EARLIEST = 315532800  # s since 1970: 1980-01-01, the first day a zip archive can hold
+
+
+def zip_bytes(entries: Mapping[str, bytes]) -> bytes:
+    """The entries (path with / to content) as a zip archive, sorted.
+
+    Uncompressed, because compressors differ between platforms. Time stamps are those of SOURCE_DATE_EPOCH (s)
+    or 1980-01-01.
+    """
+    seconds = int(os.environ.get("SOURCE_DATE_EPOCH", _EARLIEST))
+    stamp = time.gmtime(max(seconds, _EARLIEST))[:6]
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name in sorted(entries):
+            info = zipfile.ZipInfo(name, stamp)
+            info.create_system = 3  # Unix, wherever it is written
+            info.external_attr = 0o100644 << 16
+            archive.writestr(info, entries[name])
+    return buffer.getvalue()
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Writes a file under a temporary name in its folder, then renames: readers never see a part of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def array_bytes(array: NDArray[Any]) -> bytes:
+    """The array in NumPy's .npy format, C order, without pickled objects."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, array.copy(order="C"), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """An .npz archive of the arrays."""
+    return zip_bytes({f"{name}.npy": array_bytes(array) for name, array in arrays.items()})
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz archive; InputError where the file is none."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
+        raise InputError("", f"is not a readable NumPy archive: {error}", source=str(path)) from None
