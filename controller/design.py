@@ -14,7 +14,7 @@ from controller.flatness import cancellation, flat_parameterisation, tabulate_in
 from controller.kalman import predictor_gain, process_noise
 from controller.lqr import lqr_gain
 from controller.reduction import OutputWeight, ReducedModel, reduce
-from controller.transition import Transition
+from controller.transition import transition_of_order
 from plant.archive import array_bytes, npz_bytes, read_arrays, write_whole
 from plant.basis import Array
 from plant.energy import discretise
@@ -105,7 +105,7 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     estimator_gain = predictor_gain(A_d, reduced.H_pm, Q_o, weights.kalman_measurement * np.eye(n_pm))
     feedback_gain = lqr_gain(A_d, B_d, Q_c, weights.lqr_input * np.eye(n_u))
     flat = flat_parameterisation(reduced)
-    transition = Transition(options.gevrey_order)
+    transition = transition_of_order(options.gevrey_order)
     eigenvalues = np.linalg.eigvals(reduced.A)
     shapes = tabulate_input_shapes(flat, transition, float(np.min(np.abs(eigenvalues))))
     gain_full, _ = static_gains(model, system)

@@ -1,13 +1,12 @@
 """Flat output and the parameterisation of input and state by its derivatives, (31)-(36)."""
 
 from dataclasses import dataclass
-from math import factorial
 
 import numpy as np
 
 from controller.planner import InputShapes
 from controller.reduction import ReducedModel
-from controller.transition import Transition
+from controller.transition import Transition, derivative_scales
 from plant.basis import Array
 from plant.errors import DesignError
 
@@ -29,11 +28,6 @@ class FlatParameterisation:
     def degree(self) -> int:
         """Highest derivative of the flat output needed, m."""
         return len(self.input) - 1
-
-
-def derivative_scales(degree: int, transition_time: float) -> Array:
-    """i! / T^i, i = 0 ... degree: Taylor coefficients in tau to derivatives in t."""
-    return np.array([factorial(i) / transition_time**i for i in range(degree + 1)])
 
 
 def flat_parameterisation(model: ReducedModel) -> FlatParameterisation:

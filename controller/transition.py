@@ -1,6 +1,6 @@
 """The smooth transition Theta of (37) and its derivatives, by power series: no differences, no quadrature online."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,32 +10,19 @@ NODES = 256           # intervals of the table of Theta over the transition
 _NEGLIGIBLE = 600.0   # exponent below which theta and all its derivatives vanish beside their maxima
 
 
-@dataclass(frozen=True)
+def derivative_scales(degree: int, duration: float) -> Array:
+    """i! / T^i, i = 0 ... degree: what makes Taylor coefficients in tau = t/T derivatives in t."""
+    scales: Array = np.cumprod(np.concatenate([[1.0], np.arange(1, degree + 1) / duration]))
+    return scales
+
+
+@dataclass(frozen=True, kw_only=True)
 class Transition:
-    """Theta(tau) = integral of exp(-(tau (1 - tau))^-g) over [0, tau], normalised to Theta(1) = 1, tau = t/T.
+    """Theta(tau) = integral of exp(-(tau (1 - tau))^-g) over [0, tau], normalised to Theta(1) = 1, tau = t/T."""
 
-    `gevrey_order` is alpha = 1 + 1/g of section 4.4: g = 1/(alpha - 1). A beam's parameterisation converges for
-    alpha < 2; alpha > 1 is required, ValueError otherwise.
-    """
-
-    gevrey_order: float = 1.9
-    exponent: float = field(init=False)            # g
-    table: Array = field(init=False, repr=False)   # Theta at i / NODES, (NODES + 1,)
-    norm: float = field(init=False)                # integral of theta over [0, 1]
-
-    def __post_init__(self) -> None:
-        if not 1 < self.gevrey_order < np.inf:
-            raise ValueError(f"gevrey_order must be finite and > 1, got {self.gevrey_order}")
-        object.__setattr__(self, "exponent", 1 / (self.gevrey_order - 1))
-        points, weights = np.polynomial.legendre.leggauss(24)
-        tau = (np.arange(NODES)[:, None] + (points + 1) / 2) / NODES
-        pieces = np.exp(-((tau * (1 - tau)) ** -self.exponent)) @ weights / (2 * NODES)
-        rising = np.concatenate([[0.0], np.cumsum(pieces)])
-        # Theta(tau) + Theta(1 - tau) = 1 exactly
-        total = 2 * rising[NODES // 2]
-        left = rising[:NODES // 2 + 1] / total
-        object.__setattr__(self, "norm", float(total))
-        object.__setattr__(self, "table", np.concatenate([left, 1 - left[-2::-1]]))
+    exponent: float   # g
+    norm: float       # integral of exp(-(tau (1 - tau))^-g) over [0, 1]
+    table: Array      # Theta at i / NODES, (NODES + 1,)
 
     def series(self, tau: float, order: int) -> Array:
         """Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... order, with respect to tau; shape (order + 1,).
@@ -50,20 +37,34 @@ class Transition:
         if p0 <= 0 or p0 ** -self.exponent > _NEGLIGIBLE:
             return coefficients
         g = self.exponent
-        power, theta = np.zeros(order + 1), np.zeros(order + 1)
-        power[0] = p0 ** -g
+        power = [p0 ** -g, -g * p1 * p0 ** (-g - 1)]
+        for k in range(2, order):
+            power.append((-(g + k - 1) * p1 * power[-1] + (2 * g + k - 2) * power[-2]) / (k * p0))
+        # -k power[k], backwards, so that each step of the exponential's recurrence is one product
+        slope = -np.arange(order - 1, 0, -1) * np.array(power[order - 1:0:-1])
+        theta = np.zeros(order)
         theta[0] = np.exp(-power[0]) / self.norm
-        weighted = np.zeros(order + 1)   # k times the k-th coefficient of p^-g
         for k in range(1, order):
-            term = -(g + k - 1) * p1 * power[k - 1]
-            if k > 1:
-                term += (2 * g + k - 2) * power[k - 2]
-            power[k] = term / (k * p0)
-            weighted[k] = k * power[k]
-            theta[k] = -(weighted[1:k + 1] @ theta[k - 1::-1]) / k if k > 0 else theta[0]
+            theta[k] = (slope[order - 1 - k:] @ theta[:k]) / k
         index = np.arange(1, order + 1)
-        coefficients[1:] = theta[:order] / index
+        coefficients[1:] = theta / index
         node = round(tau * NODES)
         back = node / NODES - tau
         coefficients[0] = self.table[node] - coefficients[1:] @ back ** index
         return coefficients
+
+
+def transition_of_order(gevrey_order: float) -> Transition:
+    """The transition of Gevrey order alpha = 1 + 1/g of section 4.4, g = 1/(alpha - 1).
+
+    A beam's parameterisation converges for alpha < 2; alpha > 1 is required, ValueError otherwise.
+    """
+    if not 1 < gevrey_order < np.inf:
+        raise ValueError(f"gevrey_order must be finite and > 1, got {gevrey_order}")
+    exponent = 1 / (gevrey_order - 1)
+    points, weights = np.polynomial.legendre.leggauss(24)
+    tau = (np.arange(NODES)[:, None] + (points + 1) / 2) / NODES
+    rising = np.concatenate([[0.0], np.cumsum(np.exp(-((tau * (1 - tau)) ** -exponent)) @ weights / (2 * NODES))])
+    norm = 2 * rising[NODES // 2]
+    left = rising[:NODES // 2 + 1] / norm                # Theta(tau) + Theta(1 - tau) = 1 exactly
+    return Transition(exponent=exponent, norm=float(norm), table=np.concatenate([left, 1 - left[-2::-1]]))
