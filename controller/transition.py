@@ -7,7 +7,9 @@ import numpy as np
 from plant.basis import Array
 
 NODES = 256           # intervals of the table of Theta over the transition
-_NEGLIGIBLE = 600.0   # exponent below which theta and all its derivatives vanish beside their maxima
+LOWEST_ORDER = 1.2    # below, theta is too narrow for that table
+_NEGLIGIBLE = 600.0   # p^-g - 4^g beyond which theta and all its derivatives vanish beside their maxima
+_LOCAL_TERMS = 16     # that carry Theta from a node to its neighbourhood without loss
 
 
 def derivative_scales(degree: int, duration: float) -> Array:
@@ -18,10 +20,13 @@ def derivative_scales(degree: int, duration: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Transition:
-    """Theta(tau) = integral of exp(-(tau (1 - tau))^-g) over [0, tau], normalised to Theta(1) = 1, tau = t/T."""
+    """Theta(tau) = integral of exp(-(tau (1 - tau))^-g) over [0, tau], normalised to Theta(1) = 1, tau = t/T.
+
+    The integrand is kept as exp(4^g - (tau (1 - tau))^-g), of maximum 1: the plain one vanishes in doubles for g > 4.7.
+    """
 
     exponent: float   # g
-    norm: float       # integral of exp(-(tau (1 - tau))^-g) over [0, 1]
+    norm: float       # integral of exp(4^g - (tau (1 - tau))^-g) over [0, 1]
     table: Array      # Theta at i / NODES, (NODES + 1,)
 
     def series(self, tau: float, order: int) -> Array:
@@ -31,40 +36,42 @@ class Transition:
         and of the exponential; theta = Theta' gives all but the first. That one is the table's nearest value
         carried here by the same series.
         """
-        coefficients = np.zeros(order + 1)
+        terms = max(order, _LOCAL_TERMS)
+        coefficients = np.zeros(terms + 1)
         coefficients[0] = 0.0 if tau < 0.5 else 1.0
-        p0, p1 = tau * (1 - tau), 1 - 2 * tau
-        if p0 <= 0 or p0 ** -self.exponent > _NEGLIGIBLE:
-            return coefficients
-        g = self.exponent
+        g, p0, p1 = self.exponent, tau * (1 - tau), 1 - 2 * tau
+        if p0 <= (4**g + _NEGLIGIBLE) ** (-1 / g):
+            return coefficients[:order + 1]
         power = [p0 ** -g, -g * p1 * p0 ** (-g - 1)]
-        for k in range(2, order):
+        for k in range(2, terms):
             power.append((-(g + k - 1) * p1 * power[-1] + (2 * g + k - 2) * power[-2]) / (k * p0))
         # -k power[k], backwards, so that each step of the exponential's recurrence is one product
-        slope = -np.arange(order - 1, 0, -1) * np.array(power[order - 1:0:-1])
-        theta = np.zeros(order)
-        theta[0] = np.exp(-power[0]) / self.norm
-        for k in range(1, order):
-            theta[k] = (slope[order - 1 - k:] @ theta[:k]) / k
-        index = np.arange(1, order + 1)
+        slope = -np.arange(terms - 1, 0, -1) * np.array(power[terms - 1:0:-1])
+        theta = np.zeros(terms)
+        theta[0] = np.exp(4**g - power[0]) / self.norm
+        for k in range(1, terms):
+            theta[k] = (slope[terms - 1 - k:] @ theta[:k]) / k
+        index = np.arange(1, terms + 1)
         coefficients[1:] = theta / index
         node = round(tau * NODES)
         back = node / NODES - tau
         coefficients[0] = self.table[node] - coefficients[1:] @ back ** index
-        return coefficients
+        return coefficients[:order + 1]
 
 
 def transition_of_order(gevrey_order: float) -> Transition:
     """The transition of Gevrey order alpha = 1 + 1/g of section 4.4, g = 1/(alpha - 1).
 
-    A beam's parameterisation converges for alpha < 2; alpha > 1 is required, ValueError otherwise.
+    A beam's parameterisation converges for alpha < 2. ValueError unless LOWEST_ORDER <= alpha < 2: beyond, the
+    transition's ends become so steep that voltages have spikes there.
     """
-    if not 1 < gevrey_order < np.inf:
-        raise ValueError(f"gevrey_order must be finite and > 1, got {gevrey_order}")
+    if not LOWEST_ORDER <= gevrey_order < 2:
+        raise ValueError(f"gevrey_order must be >= {LOWEST_ORDER} and < 2, got {gevrey_order}")
     exponent = 1 / (gevrey_order - 1)
     points, weights = np.polynomial.legendre.leggauss(24)
     tau = (np.arange(NODES)[:, None] + (points + 1) / 2) / NODES
-    rising = np.concatenate([[0.0], np.cumsum(np.exp(-((tau * (1 - tau)) ** -exponent)) @ weights / (2 * NODES))])
+    theta = np.exp(4**exponent - (tau * (1 - tau)) ** -exponent)
+    rising = np.concatenate([[0.0], np.cumsum(theta @ weights / (2 * NODES))])
     norm = 2 * rising[NODES // 2]
     left = rising[:NODES // 2 + 1] / norm                # Theta(tau) + Theta(1 - tau) = 1 exactly
     return Transition(exponent=exponent, norm=float(norm), table=np.concatenate([left, 1 - left[-2::-1]]))

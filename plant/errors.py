@@ -1,7 +1,7 @@
 """What goes wrong at the boundary: bad input and designs that cannot be made."""
 
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Iterable
 
 
 class FlexbeamsError(ValueError):

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
+from numpy.typing import NDArray
 
 from plant.basis import Array, symmetric_product
 
@@ -73,7 +74,7 @@ class SegmentBasis:
                 total += symmetric_product(self.evaluate(z, derivative), (b - a) / 2 * weights)
         return total
 
-    def _columns(self, piece: int) -> Array:
+    def _columns(self, piece: int) -> NDArray[np.int_]:
         """Columns of the piece's functions among all, the clamped two of the first node included."""
         first = 2 * len(self.edges) + sum(self.bubbles[:piece])
         return np.array([*range(2 * piece, 2 * piece + 4), *range(first, first + self.bubbles[piece])])
@@ -102,7 +103,7 @@ def _on_piece(s: Array, bubbles: int, derivative: int) -> Array:
         hermite = [6 * s / 4, (-2 + 6 * s) / 4, -6 * s / 4, (2 + 6 * s) / 4]
     else:
         raise ValueError(f"derivative must be 0, 1 or 2, got {derivative}")
-    legendre = legvander(s, bubbles + 3)
+    legendre: Array = np.asarray(legvander(s, bubbles + 3), dtype=np.float64)
     return np.column_stack([*hermite, *(_bubble(legendre, k, derivative) for k in range(2, bubbles + 2))])
 
 

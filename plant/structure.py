@@ -131,7 +131,7 @@ class Structure:
             beam = self._beam_of(f"patch[{k}]", patch.beam)
             if patch.end > beam.length * (1 + _ROUNDING):
                 raise InputError(f"patch[{k}].position", f"plus length must not pass the end of beam {patch.beam} "
-                                 f"({beam.length} m)", patch.end)
+                                 f"({beam.length} m)", round(patch.end, 12))
             if patch.width > beam.width:
                 raise InputError(f"patch[{k}].width", f"must not exceed the width of beam {patch.beam} "
                                  f"({beam.width} m)", patch.width)

@@ -35,7 +35,7 @@ _RULES = {
 def read_toml(path: Path) -> dict[str, Any]:
     """The table of a TOML file; InputError where it cannot be read or is not TOML."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:
         raise InputError("", f"is not UTF-8 text: {error.reason}", source=str(path)) from None
     except (ValueError, RecursionError) as error:  # also integers of thousands of digits and endless nesting

@@ -1,0 +1,108 @@
+"""BeamPlant in Python: the exact discretisation of the Galerkin model in energy coordinates."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmus.python.slave import Unit, UnitError
+from plant.energy import discretise, energy_form
+from plant.errors import DesignError
+
+_MASK = 2**64 - 1
+_MAY_VANISH = ("tip_mass", "viscous_damping", "structural_damping")
+
+
+def mixed(key: int) -> int:
+    """The 64-bit finaliser of SplitMix64 (Steele, Lea and Flood 2014)."""
+    key = ((key ^ (key >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    key = ((key ^ (key >> 27)) * 0x94D049BB133111EB) & _MASK
+    return key ^ (key >> 31)
+
+
+def normal_number(seed: int, tick: int, channel: int) -> float:
+    """A standard normal number for a seed, sample and channel: order and step size do not matter (Box-Muller)."""
+    key = mixed((mixed((mixed((seed + 0x9E3779B97F4A7C15) & _MASK) + tick) & _MASK) + channel) & _MASK)
+    first = ((key >> 11) + 0.5) / 2**53
+    second = (mixed((key + 0x9E3779B97F4A7C15) & _MASK) >> 11) / 2**53
+    return math.sqrt(-2 * math.log(first)) * math.cos(2 * math.pi * second)
+
+
+class BeamPlant(Unit):
+    """M q'' + D q' + K q = L u + F force, inputs held over the step."""
+
+    def setup(self) -> None:
+        """Views of the variables; the state is x = (R_K' q, R_M' q')."""
+        self._u, self._force = self.view("u"), self.view("force")
+        # y_pi, y_pm and w stand side by side, so one product fills them
+        self._shown = self.values[self.span("y_pi").start:self.span("w").stop]
+        self._y_pm = self.view("y_pm")
+        self._energy = self.view("energy")
+        self._x = self.state_array("x", 2 * int(self.meta["size"]))
+        self._built: bytes = b""
+        self._steps: dict[float, NDArray[np.float64]] = {}
+
+    def initialise(self) -> None:
+        """At rest under the given voltages."""
+        self._build()
+        n = len(self._x) // 2
+        self._x[:n] = np.linalg.solve(self._form.position.T @ self._K @ self._form.position,
+                                      self._form.position.T @ (self._L @ self.view("start_at_rest_under")))
+        self._x[n:] = 0.0
+        self._put_out(self.values[0])
+
+    def restore(self) -> None:
+        """Matrices for the restored parameters."""
+        self._build()
+
+    def advance(self, time: float, step: float) -> None:
+        """x_{k+1} = A_d x_k + B_d (u, force), exact for any step."""
+        transition = self._steps.get(step)
+        if transition is None:
+            if len(self._steps) > 64:
+                self._steps.clear()
+            transition = self._steps[step] = np.hstack(discretise(self._form.A, self._form.B, step))
+        self._x[:] = transition @ np.concatenate([self._x, self._u, self._force])
+        self._put_out(time + step)
+
+    def _put_out(self, time: float) -> None:
+        self._shown[:] = self._outputs @ self._x[:len(self._x) // 2]
+        self._energy[0] = 0.5 * (self._x @ self._x)
+        deviation = self.view("strain_noise_std")[0]
+        if deviation > 0:
+            seed = int(self.view("noise_seed")[0])
+            tick = math.floor(time / self.meta["sample_time"] + 1e-6)
+            self._y_pm += deviation * np.array([normal_number(seed, tick, k) for k in range(len(self._y_pm))])
+
+    def _build(self) -> None:
+        """Matrices of the present parameters; nothing is done where these are the same as before."""
+        parameters = self.physical_parameters()
+        if (key := np.array(list(parameters.values())).tobytes()) == self._built:
+            return
+        n = int(self.meta["size"])
+        matrices: dict[str, Any] = {"M": np.zeros((n, n)), "D": np.zeros((n, n)), "K": np.zeros((n, n)),
+                                    "L": np.zeros((n, len(self._u)))}
+        for k, (name, matrix, start, column) in enumerate(self.meta["terms"]):
+            block = self.data[f"term_{k}"]
+            rows = slice(start, start + len(block))
+            matrices[matrix][rows, slice(column, column + 1) if matrix == "L" else rows] += parameters[name] * block
+        try:
+            self._form = energy_form(matrices["M"], matrices["D"], matrices["K"],
+                                     np.hstack([matrices["L"], self.data["tips"].T]))
+        except DesignError as error:
+            raise UnitError(str(error)) from None
+        self._K, self._L = matrices["K"], matrices["L"]
+        self._outputs = self.data["outputs"] @ self._form.position
+        self._steps.clear()
+        self._built = key
+
+    def physical_parameters(self) -> dict[str, float]:
+        """The parameters by name; UnitError for one that is physically impossible."""
+        values = {name: float(self.values[k]) for name, k in self.meta["parameters"].items()}
+        for name, value in values.items():
+            if value <= 0 and not name.endswith(_MAY_VANISH):
+                raise UnitError(f"{name} must be finite and > 0, got {value!r}")
+        return values

@@ -1,0 +1,104 @@
+"""FlatnessFeedforward in Python: superposed transitions of the flat output, evaluated at any time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controller.planner import InputShapes, Motion, plan_transition
+from controller.transition import Transition, derivative_scales
+from fmus.python.slave import Unit, UnitError
+
+SLOTS = 8  # transitions under way at once
+
+
+class FlatnessFeedforward(Unit):
+    """u = sum_i c_i xi^(i), x = sum_i X_i xi^(i) with xi = offset + sum_k steps_k Theta((t - starts_k)/durations_k)."""
+
+    def setup(self) -> None:
+        """Views, tables and the slots of the transitions under way."""
+        self._target, self._moving = self.view("y_target"), self.view("moving")
+        self._u, self._x, self._y = self.view("u_ff"), self.view("x_ref"), self.view("y_ref")
+        data = self.data
+        self._n_u, self._degree = len(self._u), len(data["input_series"]) - 1
+        self._state_series = data["state_series"].reshape(len(self._x), -1)
+        exponent, norm = data["transition_constants"]
+        self._transition = Transition(exponent=float(exponent), norm=float(norm), table=data["transition_table"])
+        self._shapes = InputShapes(times=data["shape_times"], values=data["shape_values"])
+        self._count = self.state_array("count", 1, np.int64)
+        self._handled = self.state_array("handled_target", len(self._target))
+        self._offset = self.state_array("offset", self._n_u)
+        self._starts = self.state_array("starts", SLOTS)
+        self._durations = self.state_array("durations", SLOTS)
+        self._steps = self.state_array("steps", (SLOTS, self._n_u))
+
+    def initialise(self) -> None:
+        """At rest at the first target."""
+        self._count[0] = 0
+        self._handled[:] = self._target
+        self._offset[:] = self.data["static_inverse"] @ self._target
+        peak = float(np.max(np.abs(self._offset)))
+        if peak > self.view("voltage_limit")[0]:
+            raise UnitError(f"y_target is out of reach: it takes {peak:.1f} V at rest, voltage_limit is "
+                            f"{self.view('voltage_limit')[0]:.1f} V")
+        self.view("planned_peak")[0] = peak
+        self._evaluate(self.values[0] + self.view("preview")[0])
+
+    def advance(self, time: float, step: float) -> None:
+        """A changed target starts a transition at `time`; outputs are those of time + step + preview."""
+        if self._count[0] < SLOTS and not np.array_equal(self._target, self._handled):
+            self._plan(time)
+        self._evaluate(time + step + self.view("preview")[0])
+
+    def _motion(self) -> Motion:
+        k = int(self._count[0])
+        return Motion(offset=self._offset, starts=self._starts[:k], durations=self._durations[:k],
+                      steps=self._steps[:k])
+
+    def _plan(self, time: float) -> None:
+        motion = self._motion()
+        goal = self.data["static_inverse"] @ self._target
+        change = goal - motion.offset - motion.steps.sum(axis=0)
+        wanted, limit = float(self.view("transition_time")[0]), float(self.view("voltage_limit")[0])
+        plan = plan_transition(motion, self._shapes, now=time, step=change, wanted=wanted, limit=limit)
+        self._handled[:] = self._target
+        self.view("target_refused")[0] = plan.duration == 0
+        self.view("planned_peak")[0] = plan.peak
+        if plan.duration == 0:
+            place = "at rest" if plan.at_rest > limit else "on the way"
+            self.warn(f"y_target at {time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, voltage_limit is "
+                      f"{limit:.1f} V; the target before is held")
+            return
+        if plan.duration > wanted:
+            self.note(f"the transition at {time:.6g} s is stretched from {wanted:.4g} s to {plan.duration:.4g} s "
+                      f"to stay within {limit:.1f} V")
+        self.view("planned_time")[0] = plan.duration
+        slot = int(self._count[0])
+        self._starts[slot], self._durations[slot], self._steps[slot] = time, plan.duration, change
+        self._count[0] += 1
+
+    def _evaluate(self, time: float) -> None:
+        self._retire(time)
+        series = np.zeros((self._degree + 1, self._n_u))
+        series[0] = self._offset
+        for k in range(int(self._count[0])):
+            duration = float(self._durations[k])
+            tau = min(max((time - self._starts[k]) / duration, 0.0), 1.0)
+            derivatives = self._transition.series(tau, self._degree) * derivative_scales(self._degree, duration)
+            series += derivatives[:, None] * self._steps[k]
+        self._u[:] = self.data["input_series"] @ series
+        self._x[:] = self._state_series @ series[:-1].ravel()
+        self._y[:] = self.data["H_pi"] @ self._x + self.data["D_pi"] @ self._u
+        self._moving[0] = self._count[0] > 0
+
+    def _retire(self, time: float) -> None:
+        """Transitions that have ended go into the offset; the others move up, in their order."""
+        k = int(self._count[0])
+        ended = time >= self._starts[:k] + self._durations[:k]
+        if not ended.any():
+            return
+        self._offset += self._steps[:k][ended].sum(axis=0)
+        left = int(np.count_nonzero(~ended))
+        for array in (self._starts, self._durations, self._steps):
+            array[:left] = array[:k][~ended]
+            array[left:] = 0.0
+        self._count[0] = left

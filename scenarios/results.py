@@ -1,0 +1,41 @@
+"""What a run leaves on disk: results.csv and summary.json, each whole or not at all."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plant.archive import write_whole
+from plant.errors import InputError
+from scenarios.cosimulation import Recording
+
+
+def write_results(folder: Path, recording: Recording, summary: dict[str, Any]) -> None:
+    """results.csv (RFC 4180, shortest digits that give the same double) and summary.json."""
+    lines = [",".join(["time", *(f'"{c}"' if "," in c else c for c in recording.columns)])]
+    for time, row in zip(recording.time.tolist(), recording.values.tolist(), strict=True):
+        lines.append(",".join(map(repr, [time, *row])))
+    write_whole(folder / "results.csv", ("\n".join(lines) + "\n").encode())
+    write_whole(folder / "summary.json", (json.dumps(_plain(summary), indent=2) + "\n").encode())
+
+
+def read_results(path: Path) -> Recording:
+    """The recording in a results.csv; InputError where the file is none."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header = next(csv.reader(file))
+        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except (OSError, StopIteration, ValueError) as error:
+        raise InputError("", f"is not a results file: {error}", source=str(path)) from None
+    return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall=float("nan"))
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinities and no NaN: they become null."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
