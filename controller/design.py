@@ -14,7 +14,7 @@ from controller.flatness import cancellation, flat_parameterisation, tabulate_in
 from controller.kalman import predictor_gain, process_noise
 from controller.lqr import lqr_gain
 from controller.reduction import OutputWeight, ReducedModel, reduce
-from controller.transition import transition_of_order
+from controller.transition import LOWEST_ORDER, transition_of_order
 from plant.archive import array_bytes, npz_bytes, read_arrays, write_whole
 from plant.basis import Array
 from plant.energy import discretise
@@ -53,7 +53,7 @@ class DesignOptions:
     static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
     sample_time: Positive = 2e-4                 # s
     transition_time: Positive = 0.9              # s
-    gevrey_order: Annotated[float, Field(gt=1, le=10, strict=True)] = 1.9
+    gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9
     voltage_limit: Positive = 1000.0             # V
     integral_gain: NonNegative = 1e-4            # k_I of (45), a sample
     weights: Weights = field(default_factory=Weights)

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.planner import InputShapes
+from controller.planner import InputShapes, places
 from controller.reduction import ReducedModel
 from controller.transition import Transition, derivative_scales
 from plant.basis import Array
 from plant.errors import DesignError
 
-TABULATED_TIMES, TABULATED_PLACES = 64, 257
+TABULATED_TIMES, TABULATED_INTERVALS = 64, 512
+AMPLIFICATION = 20.0   # largest voltage planned, beside the one that the change takes at rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +71,21 @@ def input_shape(flat: FlatParameterisation, series: Array, transition_time: floa
 
 
 def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, slowest: float) -> InputShapes:
-    """The planner's table, for transition times from 0.5 to 16 periods of the slowest mode (rad/s)."""
+    """The planner's table, for transition times up to 16 periods of the slowest mode (rad/s).
+
+    It starts at half a period or where the shape passes AMPLIFICATION: above, it is spikes between the places.
+    Raises DesignError where all of it is.
+    """
     period = 2 * np.pi / slowest
     times = period * np.geomspace(0.5, 16, TABULATED_TIMES)
-    series = transition_series(transition, flat.degree, np.linspace(0, 1, TABULATED_PLACES))
-    return InputShapes(times=times, values=np.array([input_shape(flat, series, float(T)) for T in times]))
+    series = transition_series(transition, flat.degree, places(TABULATED_INTERVALS))
+    values = np.array([input_shape(flat, series, float(T)) for T in times])
+    fitting = np.max(np.abs(values), axis=1) <= AMPLIFICATION
+    if not fitting[-1]:
+        raise DesignError(f"a transition of {times[-1]:.3g} s still takes {np.max(np.abs(values[-1])):.3g} times the "
+                          "voltage at rest; take a larger gevrey_order or a smaller reduced_modes")
+    first = len(times) - int(np.argmin(fitting[::-1])) if not fitting.all() else 0
+    return InputShapes(times=times[first:], values=values[first:])
 
 
 def cancellation(flat: FlatParameterisation, transition: Transition, transition_time: float) -> float:

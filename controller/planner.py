@@ -6,8 +6,13 @@ import numpy as np
 
 from plant.basis import Array
 
-SAMPLES = 129      # places along each transition at which a plan is checked
 PATIENCE = 8.0     # longest transition tried, as a multiple of the longest one tabulated or under way
+
+
+def places(intervals: int) -> Array:
+    """Where a curve over the transition is tabulated: tau (n + 1,) from 0 to 1, denser towards the steep ends."""
+    tau: Array = (1 - np.cos(np.pi * np.arange(intervals + 1) / intervals)) / 2
+    return tau
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +24,7 @@ class InputShapes:
     """
 
     times: Array    # (k,), s, ascending
-    values: Array   # (k, n + 1), at tau = i / n
+    values: Array   # (k, n + 1), at places(n)
 
     def at(self, duration: float, tau: Array) -> Array:
         """The curve of a transition of `duration` s at tau, linear between tabulated curves and places."""
@@ -27,7 +32,7 @@ class InputShapes:
         low = min(int(row), len(self.times) - 2)
         share = row - low
         curve = (1 - share) * self.values[low] + share * self.values[low + 1]
-        return np.interp(tau, np.linspace(0, 1, len(curve)), curve)
+        return np.interp(tau, places(len(curve) - 1), curve)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +76,7 @@ def plan_transition(motion: Motion, shapes: InputShapes, *, now: float, step: Ar
     goal = float(np.max(np.abs(motion.offset + motion.steps.sum(axis=0) + step)))
     if goal > limit * (1 + 1e-9):
         return Plan(duration=0.0, peak=goal, at_rest=goal)
-    tau = np.linspace(0, 1, SAMPLES)
+    tau = places(shapes.values.shape[1] - 1)
     pending = np.concatenate([start + duration * tau
                               for start, duration in zip(motion.starts, motion.durations, strict=True)] or [[]])
     longest = max(shapes.times[-1], *motion.durations, wanted) * PATIENCE

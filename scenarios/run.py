@@ -45,6 +45,7 @@ class Run:
     scenario: Scenario
     design: Design
     recording: Recording
+    open_loop: Recording | None      # of the scenario that this one is compared with
     outcomes: list[Outcome]
     summary: dict[str, Any]
 
@@ -69,8 +70,8 @@ def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None]
         open_loop = run_scenario(scenario.open_loop, replace(settings, values=others), report=report).recording
     recording = co_simulate(path, scenario, design, settings, report, progress)
     outcomes = Measurement(scenario, str(path), recording, open_loop).outcomes() if recording.complete else []
-    return Run(name=path.stem, scenario=scenario, design=design, recording=recording, outcomes=outcomes,
-               summary=_summary(path.stem, scenario, design, settings, recording, outcomes))
+    return Run(name=path.stem, scenario=scenario, design=design, recording=recording, open_loop=open_loop,
+               outcomes=outcomes,                summary=_summary(path.stem, scenario, design, settings, recording, outcomes))
 
 
 def prepare(path: Path, settings: Settings) -> tuple[Scenario, Design]:
@@ -246,6 +247,6 @@ def write_run(run: Run, folder: Path, figures: bool = True) -> None:
     if figures and run.recording.complete:
         from scenarios.figures import draw_figures
 
-        draw_figures(run.scenario, run.recording, folder)
+        draw_figures(run.scenario, run.recording, folder, run.open_loop)
 
 

@@ -115,7 +115,7 @@ class Figure:
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
     title: str = ""
-    rows: Annotated[list[list[str]], Field(min_length=1)]   # signals drawn over each other in a row
+    rows: Annotated[list[list[str]], Field(min_length=1)]   # signals drawn over each other; open_loop.<signal>: of that run
     points: list[Index] | None = None                       # columns
     start: NonNegative = 0.0                                # s
     stop: Positive | None = None                            # s

@@ -40,7 +40,7 @@ class BeamPlant(Unit):
         # y_pi, y_pm and w stand side by side, so one product fills them
         self._shown = self.values[self.span("y_pi").start:self.span("w").stop]
         self._y_pm = self.view("y_pm")
-        self._energy = self.view("energy")
+        self._energy, self._deviation = self.view("energy"), self.view("strain_noise_std")
         self._x = self.state_array("x", 2 * int(self.meta["size"]))
         self._built: bytes = b""
         self._steps: dict[float, NDArray[np.float64]] = {}
@@ -65,17 +65,16 @@ class BeamPlant(Unit):
             if len(self._steps) > 64:
                 self._steps.clear()
             transition = self._steps[step] = np.hstack(discretise(self._form.A, self._form.B, step))
-        self._x[:] = transition @ np.concatenate([self._x, self._u, self._force])
+        self._x[:] = transition @ np.concatenate((self._x, self._u, self._force))
         self._put_out(time + step)
 
     def _put_out(self, time: float) -> None:
         self._shown[:] = self._outputs @ self._x[:len(self._x) // 2]
         self._energy[0] = 0.5 * (self._x @ self._x)
-        deviation = self.view("strain_noise_std")[0]
-        if deviation > 0:
+        if self._deviation[0] > 0:
             seed = int(self.view("noise_seed")[0])
             tick = math.floor(time / self.meta["sample_time"] + 1e-6)
-            self._y_pm += deviation * np.array([normal_number(seed, tick, k) for k in range(len(self._y_pm))])
+            self._y_pm += self._deviation[0] * np.array([normal_number(seed, tick, k) for k in range(len(self._y_pm))])
 
     def _build(self) -> None:
         """Matrices of the present parameters; nothing is done where these are the same as before."""

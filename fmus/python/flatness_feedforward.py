@@ -30,6 +30,8 @@ class FlatnessFeedforward(Unit):
         self._starts = self.state_array("starts", SLOTS)
         self._durations = self.state_array("durations", SLOTS)
         self._steps = self.state_array("steps", (SLOTS, self._n_u))
+        self._preview = self.view("preview")
+        self._at_rest = False   # the outputs are those of the offset alone
 
     def initialise(self) -> None:
         """At rest at the first target."""
@@ -41,13 +43,19 @@ class FlatnessFeedforward(Unit):
             raise UnitError(f"y_target is out of reach: it takes {peak:.1f} V at rest, voltage_limit is "
                             f"{self.view('voltage_limit')[0]:.1f} V")
         self.view("planned_peak")[0] = peak
-        self._evaluate(self.values[0] + self.view("preview")[0])
+        self._at_rest = False
+        self._evaluate(self.values[0] + self._preview[0])
+
+    def restore(self) -> None:
+        """Nothing derives from the state but whether it rests."""
+        self._at_rest = False
 
     def advance(self, time: float, step: float) -> None:
         """A changed target starts a transition at `time`; outputs are those of time + step + preview."""
-        if self._count[0] < SLOTS and not np.array_equal(self._target, self._handled):
+        if self._count[0] < SLOTS and (self._target != self._handled).any():
             self._plan(time)
-        self._evaluate(time + step + self.view("preview")[0])
+        if self._count[0] or not self._at_rest:
+            self._evaluate(time + step + self._preview[0])
 
     def _motion(self) -> Motion:
         k = int(self._count[0])
@@ -89,6 +97,7 @@ class FlatnessFeedforward(Unit):
         self._x[:] = self._state_series @ series[:-1].ravel()
         self._y[:] = self.data["H_pi"] @ self._x + self.data["D_pi"] @ self._u
         self._moving[0] = self._count[0] > 0
+        self._at_rest = not self._moving[0]
 
     def _retire(self, time: float) -> None:
         """Transitions that have ended go into the offset; the others move up, in their order."""

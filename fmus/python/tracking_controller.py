@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmus.python.slave import Unit
 
@@ -11,13 +12,18 @@ class TrackingController(Unit):
     """Runs on its own clock of `sample_time`; after a tick at t_k its output is the voltage for t_{k+1}."""
 
     def setup(self) -> None:
-        """Views and the filter with its three inputs side by side."""
+        """Views; the filter with its three inputs side by side, the regulator above the deflection's rows."""
         data = self.data
         self._y_pm, self._u_ff, self._x_ref = self.view("y_pm"), self.view("u_ff"), self.view("x_ref")
         self._u, self._y_est, self._x_est = self.view("u"), self.view("y_est"), self.view("x_est")
+        self._feedback, self._integral_gain = self.view("feedback"), self.view("integral_gain")
+        self._limit, self._saturated = self.view("voltage_limit"), self.view("saturated")
         gain = data["estimator_gain"]
         self._filter = np.hstack([data["A_d"] - gain @ data["H_pm"], data["B_d"] - gain @ data["D_pm"], gain])
         self._gain, self._H_pi, self._D_pi = data["feedback_gain"], data["H_pi"], data["D_pi"]
+        # (45) with the DC gain's pseudo-inverse: that gain is negative, a positive scalar would destabilise
+        self._growth_of_state = data["static_inverse"] @ self._H_pi
+        self._growth_of_input = data["static_inverse"] @ self._D_pi
         self._integral = self.state_array("integral", len(self._u))      # V
         self._tick = self.state_array("tick", 1, np.int64)               # ticks run since the start
         self._start = self.state_array("start", 1)                       # s
@@ -38,23 +44,24 @@ class TrackingController(Unit):
             self._tick[0] += 1
 
     def _run_tick(self) -> None:
-        self._x_est[:] = self._filter @ np.concatenate([self._x_est, self._u, self._y_pm])
-        if not self.view("feedback")[0]:
+        self._x_est[:] = self._filter @ np.concatenate((self._x_est, self._u, self._y_pm))
+        if not self._feedback[0]:
             self._integral[:] = 0.0
             self._put_out(self._u_ff)
             return
         error = self._x_ref - self._x_est
         wanted = self._u_ff + self._gain @ error + self._integral
-        # (45) with the DC gain's pseudo-inverse: that gain is negative, a positive scalar would destabilise
-        deviation = self._H_pi @ error + self._D_pi @ (self._u_ff - self._u)
-        growth = self.view("integral_gain")[0] * (self.data["static_inverse"] @ deviation)
-        limit = self.view("voltage_limit")[0]
-        winding_up = (np.abs(wanted) > limit) & (wanted * growth > 0)
-        self._integral += np.where(winding_up, 0.0, growth)
-        self._put_out(wanted)
+        growth = self._integral_gain[0] * (self._growth_of_state @ error
+                                           + self._growth_of_input @ (self._u_ff - self._u))
+        if self._put_out(wanted):  # anti-windup: a voltage at its limit does not integrate further out
+            growth[(np.abs(wanted) > self._limit[0]) & (wanted * growth > 0)] = 0.0
+        self._integral += growth
 
-    def _put_out(self, wanted: np.ndarray) -> None:  # type: ignore[type-arg]
-        limit = self.view("voltage_limit")[0]
-        self._u[:] = np.minimum(np.maximum(wanted, -limit), limit)
-        self.view("saturated")[0] = bool((np.abs(wanted) > limit).any())
+    def _put_out(self, wanted: NDArray[np.float64]) -> bool:
+        """Voltages within the limit, and the deflections estimated with them; True where the limit holds one."""
+        limit = self._limit[0]
+        saturated = bool((np.abs(wanted) > limit).any())
+        self._u[:] = np.clip(wanted, -limit, limit) if saturated else wanted
+        self._saturated[0] = saturated
         self._y_est[:] = self._H_pi @ self._x_est + self._D_pi @ self._u
+        return saturated

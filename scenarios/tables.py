@@ -1,0 +1,107 @@
+"""Tables for the terminal: a design's figures, a run's checks."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from controller.design import Design
+from scenarios.metrics import Outcome
+from scenarios.run import Run
+
+_SCALES = {"m": ("mm", 1e3), "s": ("s", 1.0), "V": ("V", 1.0), "%": ("%", 1.0), "": ("", 1.0)}
+
+
+def console() -> Console:
+    """Standard output; 100 columns where it is not a terminal."""
+    out = Console(highlight=False)
+    return out if out.is_terminal else Console(highlight=False, width=100)
+
+
+def _number(value: float | str | None, unit: str) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    shown, factor = _SCALES.get(unit, (unit, 1.0))
+    return f"{value * factor:.4g} {shown}".strip()
+
+
+def _limit(outcome: Outcome) -> str:
+    low, high = (_number(v, outcome.unit) for v in (outcome.minimum, outcome.maximum))
+    if low and high:
+        return f"{low} ... {high}"
+    return f"<= {high}" if high else f">= {low}" if low else ""
+
+
+def show_checks(run: Run, folder: Path) -> None:
+    """Each check beside the paper's figure, and where the results are."""
+    out = console()
+    title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for heading, side in (("check", "left"), ("measured", "right"), ("limit", "right"), ("paper", "right"), ("", "left")):
+        table.add_column(heading, justify=side)  # type: ignore[arg-type]
+    for o in run.outcomes:
+        limited = o.minimum is not None or o.maximum is not None
+        verdict = "" if not limited else "[green]ok[/]" if o.passed else "[red bold]FAILED[/]"
+        table.add_row(o.name, _number(o.value, o.unit), _limit(o), _number(o.paper, o.unit), verdict)
+    if run.outcomes:
+        out.print(table)
+    timing = run.summary["timing"]
+    factor = timing["real_time_factor"]
+    out.print(f"{timing['steps']} steps in {timing['wall_s']:.2f} s"
+              + (f", {factor:.1f} times real time" if factor else "") + f"; results in {folder}", soft_wrap=True)
+
+
+def show_design(design: Design) -> None:
+    """The figures of a design for a person."""
+    out, s = console(), design.summary
+    out.print(f"[bold]design {design.design_id}[/]")
+    out.print(f"{s['beams']} beams, {s['inputs']} patch pairs, {s['points_of_interest']} points of interest, "
+              f"{s['strain_gauges']} strain gauges, {s['parameters']} parameters")
+    out.print(f"basis {s['basis']} (order {s['order']}): {s['full_order']} states, reduced to {s['reduced_order']}")
+    out.print(f"Hankel singular values: {100 * s['hankel_share']:.2f} % of the sum kept, first "
+              f"{s['hankel_position'][0]:.3e}, last kept {s['hankel_position'][s['reduced_order'] // 2 - 1]:.3e}, "
+              f"first cut {_first_cut(s)}")
+    out.print(f"flatness series: terms cancel by a factor {s['flatness_cancellation']:.3g} over the transition")
+    modes = Table(title="modes", title_justify="left")
+    for heading in ("mode", "undamped, rad/s", "Hz", "damping ratio", "reduced model, 1/s"):
+        modes.add_column(heading, justify="right")
+    kept = _nearest_modes(s)
+    for k, omega in enumerate(s["frequencies"][:30]):
+        ratio = f"{s['damping_ratios'][k]:.4f}" if k < len(s["damping_ratios"]) else ""
+        shown = f"{kept[k][0]:.3f} ± {kept[k][1]:.2f}j" if k in kept else ""
+        modes.add_row(str(k + 1), f"{omega:.3f}", f"{omega / (2 * np.pi):.3f}", ratio, shown)
+    out.print(modes)
+    if len(s["frequencies"]) > 30:
+        out.print(f"... {len(s['frequencies'])} modes in all (--json lists every one)")
+    gains = Table(title="static gains, mm per 1000 V (reduced model without correction in brackets)", title_justify="left")
+    gains.add_column("point", justify="right")
+    for k in range(s["inputs"]):
+        gains.add_column(f"u[{k + 1}]", justify="right")
+    for k, (full, red) in enumerate(zip(s["static_gain_pi"], s["static_gain_reduced_pi"], strict=True), 1):
+        gains.add_row(f"y_pi[{k}]", *[f"{1e6 * a:.3f} ({1e6 * b:.3f})" for a, b in zip(full, red, strict=True)])
+    out.print(gains)
+    for name in ("estimator", "feedback"):
+        slowest = s[f"{name}_eigenvalues"][0]
+        out.print(f"slowest {name} eigenvalue: {slowest[0]:.3f} ± {abs(slowest[1]):.2f}j 1/s")
+
+
+def _nearest_modes(summary: dict[str, Any]) -> dict[int, list[float]]:
+    """The reduced model's eigenvalues, each at the mode of the full model whose frequency is nearest."""
+    frequencies = np.array(summary["frequencies"])
+    placed: dict[int, list[float]] = {}
+    for value in summary["reduced_eigenvalues"]:
+        if value[1] >= 0:
+            distance = np.abs(np.log(frequencies / np.hypot(*value)))
+            distance[list(placed)] = np.inf
+            placed[int(np.argmin(distance))] = value
+    return placed
+
+
+def _first_cut(summary: dict[str, Any]) -> str:
+    values = summary["hankel_position"]
+    kept = int(summary["reduced_order"]) // 2
+    return f"{values[kept]:.3e}" if kept < len(values) else "none"
