@@ -24,8 +24,7 @@ def steady_kalman_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
     Raises DesignError where (A, C) is not detectable.
     """
     P = solve_riccati(A.T, C.T, Q, R, "Kalman filter")
-    gain: Array = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-    return gain
+    return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T, dtype=np.float64)
 
 
 def predictor_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:

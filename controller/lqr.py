@@ -13,6 +13,6 @@ def lqr_gain(A: Array, B: Array, Q: Array, R: Array) -> Array:
     of its second B. Raises DesignError where (A, B) is not stabilisable.
     """
     S = solve_riccati(A, B, Q, R, "LQR")
-    gain: Array = np.linalg.solve(B.T @ S @ B + R, B.T @ S @ A)
+    gain = np.asarray(np.linalg.solve(B.T @ S @ B + R, B.T @ S @ A), dtype=np.float64)
     require_stable(A - B @ gain, "the state feedback loop")
     return gain

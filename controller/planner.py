@@ -32,7 +32,8 @@ class InputShapes:
         low = min(int(row), len(self.times) - 2)
         share = row - low
         curve = (1 - share) * self.values[low] + share * self.values[low + 1]
-        return np.interp(tau, places(len(curve) - 1), curve)
+        values: Array = np.interp(tau, places(len(curve) - 1), curve)
+        return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,22 +72,30 @@ def plan_transition(motion: Motion, shapes: InputShapes, *, now: float, step: Ar
                     limit: float) -> Plan:
     """The shortest transition of at least `wanted` s that keeps the whole motion within +-limit (V).
 
-    `step` (n_u,) is the change of the flat output. Peaks between the table's places are met to about 0.1 %.
+    `step` (n_u,) is the change of the flat output. The limit is kept to about 0.1 %, what the table resolves.
     """
     goal = float(np.max(np.abs(motion.offset + motion.steps.sum(axis=0) + step)))
     if goal > limit * (1 + 1e-9):
         return Plan(duration=0.0, peak=goal, at_rest=goal)
     tau = places(shapes.values.shape[1] - 1)
-    pending = np.concatenate([start + duration * tau
-                              for start, duration in zip(motion.starts, motion.durations, strict=True)] or [[]])
+    pending = [time[time > now] for time in motion.starts[:, None] + np.outer(motion.durations, tau)]
     longest = max(shapes.times[-1], *motion.durations, wanted) * PATIENCE
     duration, peak = max(wanted, float(shapes.times[0])), goal
     growth = float(shapes.times[1] / shapes.times[0])
     while duration <= longest:
-        time = np.concatenate([now + duration * tau, pending[pending > now]])
-        u = motion.extended(now, duration, step).voltage(shapes, time)
-        peak = float(np.max(np.abs(u)))
+        extended = motion.extended(now, duration, step)
+        peak = max(_peak(extended.voltage(shapes, time)) for time in [now + duration * tau, *pending])
         if peak <= limit * (1 + 1e-9):
             return Plan(duration=duration, peak=peak, at_rest=goal)
         duration *= growth
     return Plan(duration=0.0, peak=peak, at_rest=goal)
+
+
+def _peak(u: Array) -> float:
+    """Largest magnitude of u (k, n_u), between its rows too: the vertex of the parabola through three neighbours."""
+    if len(u) < 3:
+        return float(np.max(np.abs(u), initial=0.0))
+    before, here, after = u[:-2], u[1:-1], u[2:]
+    bend, turns = before - 2 * here + after, (here - before) * (after - here) < 0
+    vertex = here - np.where(turns, (after - before) ** 2 / (8 * np.where(turns, bend, 1.0)), 0.0)
+    return float(max(np.max(np.abs(u)), np.max(np.abs(vertex))))

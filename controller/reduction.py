@@ -9,7 +9,7 @@ from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 from plant.basis import Array
 from plant.errors import DesignError
 from plant.galerkin import BeamModel, SecondOrderSystem
-from plant.statespace import state_matrices, static_gains
+from plant.statespace import static_gains
 
 OutputWeight = Literal["identity", "energy"]
 ENERGY_MODES = 30  # undamped modes kept before balancing in the energy norm
@@ -117,7 +117,8 @@ def _balance(controllability: Array, observability: Array, kept: int) -> tuple[A
 def _factor(gramian: Array) -> Array:
     """R with R R' = gramian (n, n); rounding below zero is cut, where a bare Cholesky would raise."""
     values, vectors = eigh((gramian + gramian.T) / 2)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def _relative(residual: Array, constant: Array) -> float:

@@ -28,8 +28,9 @@ def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: 
     for name in names:
         interface = interface_of(name, design, model)
         arrays, meta = unit_data(interface, design, model)
-        units.append(PythonUnit(interface=interface, data=arrays, meta=meta,
-                                kernel_file=_ROOT / "fmus" / "python" / f"{_KERNELS[name]}.py", out=folder / "python" / f"{name}.fmu"))
+        kernel_file = _ROOT / "fmus" / "python" / f"{_KERNELS[name]}.py"
+        units.append(PythonUnit(interface=interface, data=arrays, meta=meta, kernel_file=kernel_file,
+                                out=folder / "python" / f"{name}.fmu"))
     return build_python_units(units, version=version("flexbeams"))
 
 

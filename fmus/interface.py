@@ -103,13 +103,13 @@ def flatness_feedforward(design: Design) -> Interface:
     options = design.options
     n_u, n_pi = design.arrays["static_inverse"].shape
     m = len(design.arrays["A"])
-    target, voltage = ("y_target",), {"unit": "V", "nominal": options.voltage_limit}
+    target, limit = ("y_target",), options.voltage_limit
     variables = [
         time_variable,
         *_each("Wanted deflection at point of interest {}; a change starts a transition",
                array("y_target", n_pi, causality="input", unit="m", start=0.0, nominal=1e-3)),
         *_each("Feedforward voltage of patch pair {}",
-               array("u_ff", n_u, causality="output", initial_inputs=target, **voltage)),
+               array("u_ff", n_u, causality="output", initial_inputs=target, unit="V", nominal=limit)),
         *_each("Reference of reduced state {}",
                array("x_ref", m, causality="output", unit="1", initial_inputs=target)),
         *_each("Reference deflection at point of interest {}",
@@ -119,13 +119,13 @@ def flatness_feedforward(design: Design) -> Interface:
                  description="The last target is out of reach within the voltage limit; the one before is held"),
         Variable(name="planned_time", causality="local", unit="s",
                  description="Duration of the last transition planned, >= transition_time"),
-        Variable(name="planned_peak", causality="local", **voltage,
+        Variable(name="planned_peak", causality="local", unit="V", nominal=limit,
                  description="Largest voltage of the last plan, of a refused one too"),
         Variable(name="transition_time", causality="parameter", variability="tunable", unit="s",
                  start=options.transition_time, minimum=1e-3, maximum=1e4,
                  description="Wanted duration of the next transition; stretched where the voltage limit asks for it"),
-        Variable(name="voltage_limit", causality="parameter", variability="tunable", start=options.voltage_limit,
-                 minimum=0.0, **voltage, description="Largest voltage magnitude planned with"),
+        Variable(name="voltage_limit", causality="parameter", variability="tunable", start=limit,
+                 minimum=0.0, unit="V", nominal=limit, description="Largest voltage magnitude planned with"),
         Variable(name="preview", causality="parameter", variability="tunable", unit="s", start=0.0, minimum=0.0,
                  maximum=10.0, description="Time by which outputs run ahead, to undo the delay up to the plant"),
         _design_id(design),
@@ -140,15 +140,16 @@ def tracking_controller(design: Design) -> Interface:
     options, arrays = design.options, design.arrays
     n_u, m = arrays["feedback_gain"].shape
     n_pi, n_pm = len(arrays["H_pi"]), len(arrays["H_pm"])
-    voltage = {"unit": "V", "nominal": options.voltage_limit}
+    limit = options.voltage_limit
     variables = [
         time_variable,
         *_each("Measured strain at gauge {}", array("y_pm", n_pm, causality="input", unit="1", start=0.0,
                                                     nominal=1e-4)),
-        *_each("Feedforward voltage of patch pair {}", array("u_ff", n_u, causality="input", start=0.0, **voltage)),
+        *_each("Feedforward voltage of patch pair {}",
+               array("u_ff", n_u, causality="input", start=0.0, unit="V", nominal=limit)),
         *_each("Reference of reduced state {}", array("x_ref", m, causality="input", unit="1", start=0.0)),
         *_each("Voltage of patch pair {}",
-               array("u", n_u, causality="output", initial_inputs=("u_ff",), **voltage)),
+               array("u", n_u, causality="output", initial_inputs=("u_ff",), unit="V", nominal=limit)),
         *_each("Estimated deflection at point of interest {}",
                array("y_est", n_pi, causality="output", unit="m", nominal=1e-3, initial_inputs=("x_ref", "u_ff"))),
         Variable(name="saturated", type="Boolean", causality="output", initial_inputs=("u_ff",),
@@ -160,8 +161,8 @@ def tracking_controller(design: Design) -> Interface:
         Variable(name="integral_gain", causality="parameter", variability="tunable", unit="1",
                  start=options.integral_gain, minimum=0.0, maximum=1.0,
                  description="k_I of (45), share of the deflection error mended each sample"),
-        Variable(name="voltage_limit", causality="parameter", variability="tunable", start=options.voltage_limit,
-                 minimum=0.0, **voltage, description="Largest voltage magnitude put out"),
+        Variable(name="voltage_limit", causality="parameter", variability="tunable", start=limit,
+                 minimum=0.0, unit="V", nominal=limit, description="Largest voltage magnitude put out"),
         _design_id(design),
     ]
     return Interface(unit_name="TrackingController", variables=tuple(variables), step_size=options.sample_time,

@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.archive import npz_bytes, write_whole, zip_bytes
 from fmus.description import content_guid, model_description
 from fmus.errors import BuildError
 from fmus.variables import Interface
+from plant.archive import npz_bytes, write_whole, zip_bytes
 
 _root = Path(__file__).parents[1]
 _project = {"plant", "controller", "fmus", "scenarios"}

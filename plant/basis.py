@@ -11,8 +11,15 @@ Array = NDArray[np.float64]
 class Basis(Protocol):
     """Shape functions phi_i(z) on [0, length] with phi_i(0) = phi_i'(0) = 0."""
 
-    length: float   # m
-    size: int       # number of functions N
+    @property
+    def length(self) -> float:
+        """Length of the beam, m."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Number of functions N."""
+        ...
 
     def evaluate(self, z: Array, derivative: int = 0) -> Array:
         """The derivative of order 0, 1 or 2 at z (k,) in m; returns (k, N)."""

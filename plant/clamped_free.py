@@ -12,7 +12,7 @@ def clamped_free_roots(count: int) -> Array:
 
     Solved as cos(b) + 1/cosh(b) = 0 by Newton's method from (k - 1/2) pi, which keeps every digit at any order.
     """
-    b = (np.arange(1, count + 1) - 0.5) * np.pi
+    b: Array = (np.arange(1, count + 1, dtype=np.float64) - 0.5) * np.pi
     b[0] = 1.875
     for _ in range(6):
         sech = 2 * np.exp(-b) / (1 + np.exp(-2 * b))

@@ -5,7 +5,9 @@ matrices are integrated once; a changed parameter costs a weighted sum. The fact
 damping, front and back patch, is in these matrices; the Appendix of the paper leaves it out.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -16,6 +18,7 @@ from plant.segment import SegmentBasis, pieces
 from plant.structure import Structure
 
 BasisName = Literal["clamped_free", "segment"]
+MatrixName = Literal["M", "D", "K", "L"]
 BASES: tuple[BasisName, ...] = ("clamped_free", "segment")
 DEFAULT_ORDER = {"clamped_free": 10, "segment": 9}  # modes N of a beam; polynomial degree p
 STATIONS = 21  # places along each beam whose deflection is shown
@@ -26,7 +29,7 @@ class Term:
     """One parameter's part: parameter x block, added to `matrix` at rows (and columns) from `start` on."""
 
     parameter: str   # such as beam[1].density
-    matrix: Literal["M", "D", "K", "L"]
+    matrix: MatrixName
     start: int       # first generalised coordinate of the block
     column: int      # patch pair counted from 0 where matrix is L, else 0
     block: Array     # (m, m), or (m, 1) where matrix is L
@@ -105,7 +108,7 @@ def beam_model(structure: Structure, basis: BasisName = "clamped_free", order: i
     terms = [*_beam_terms(structure, bases, starts, tips), *_patch_terms(structure, bases, starts),
              *_spring_terms(structure, starts, tips)]
     strain = np.vstack([_strain_row(g.position, g.length, structure.beam[g.beam - 1].thickness,
-                                    lambda z, d, j=g.beam - 1: rows(j, z, d)) for g in structure.strain_gauge])
+                                    partial(rows, g.beam - 1)) for g in structure.strain_gauge])
     return BeamModel(
         structure=structure, basis=basis, order=order, size=n, terms=tuple(terms), tips=tips, strain=strain,
         deflection=np.vstack([rows(p.beam - 1, [p.position]) for p in structure.point_of_interest]),
@@ -113,7 +116,7 @@ def beam_model(structure: Structure, basis: BasisName = "clamped_free", order: i
                            for j, beam in enumerate(structure.beam)]))
 
 
-def _strain_row(position: float, length: float, thickness: float, rows) -> Array:  # type: ignore[no-untyped-def]
+def _strain_row(position: float, length: float, thickness: float, rows: Callable[[list[float], int], Array]) -> Array:
     """h/2 w'' averaged over the gauge, which is a difference of slopes; at the point where the length is 0."""
     if length == 0:
         at_point: Array = thickness / 2 * rows([position], 2)
@@ -128,9 +131,10 @@ def _beam_terms(structure: Structure, bases: list[Basis], starts: Array, tips: A
     for j, (beam, basis) in enumerate(zip(structure.beam, bases, strict=True)):
         gram = [basis.gram(0.0, beam.length, d) for d in range(3)]
         tip = tips[j, starts[j]:starts[j + 1]]
-        blocks = (("density", "M", beam.area * gram[0]), ("youngs_modulus", "K", beam.second_moment * gram[2]),
-                  ("tip_mass", "M", np.outer(tip, tip)), ("viscous_damping", "D", gram[0]),
-                  ("structural_damping", "D", gram[1]))
+        blocks: tuple[tuple[str, MatrixName, Array], ...] = (
+            ("density", "M", beam.area * gram[0]), ("youngs_modulus", "K", beam.second_moment * gram[2]),
+            ("tip_mass", "M", np.outer(tip, tip)), ("viscous_damping", "D", gram[0]),
+            ("structural_damping", "D", gram[1]))
         terms += [Term(parameter=f"beam[{j + 1}].{name}", matrix=matrix, start=int(starts[j]), column=0, block=block)
                   for name, matrix, block in blocks]
     return terms
@@ -144,10 +148,11 @@ def _patch_terms(structure: Structure, bases: list[Basis], starts: Array) -> lis
         slopes = basis.evaluate(np.array([patch.position, patch.end]), 1)
         # l of the Appendix: -Gamma times the integral of phi'' over the pair
         lever = -patch.moment_per_volt(beam) / patch.piezo_ratio * (slopes[1] - slopes[0])
-        blocks = (("density", "M", 2 * patch.area * gram[0]),
-                  ("youngs_modulus", "K", 2 * patch.second_moment(beam) * gram[2]),
-                  ("viscous_damping", "D", 2 * gram[0]), ("structural_damping", "D", 2 * gram[1]),
-                  ("piezo_ratio", "L", lever[:, None]))
+        blocks: tuple[tuple[str, MatrixName, Array], ...] = (
+            ("density", "M", 2 * patch.area * gram[0]),
+            ("youngs_modulus", "K", 2 * patch.second_moment(beam) * gram[2]),
+            ("viscous_damping", "D", 2 * gram[0]), ("structural_damping", "D", 2 * gram[1]),
+            ("piezo_ratio", "L", lever[:, None]))
         terms += [Term(parameter=f"patch[{k + 1}].{name}", matrix=matrix, start=int(starts[patch.beam - 1]),
                        column=k if matrix == "L" else 0, block=block) for name, matrix, block in blocks]
     return terms

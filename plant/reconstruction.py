@@ -81,7 +81,8 @@ def piezo_ratios(model: BeamModel, parameters: dict[str, float]) -> Array:
     unit = {f"patch[{k}].piezo_ratio": 1.0 for k in range(1, len(VOLTAGE) + 1)}
     system = model.assemble({**parameters, **unit})
     columns = model.deflection @ cho_solve(cho_factor(system.K), system.L)   # m per V and C/m^2
-    return np.linalg.solve(columns * VOLTAGE, DEFLECTION)
+    ratios: Array = np.linalg.solve(columns * VOLTAGE, DEFLECTION)
+    return ratios
 
 
 def step_response(model: BeamModel, parameters: dict[str, float], time: Array) -> Array:
@@ -95,7 +96,8 @@ def step_response(model: BeamModel, parameters: dict[str, float], time: Array) -
     weight = np.where(eigenvalues[slow].imag > 0, 2.0, 1.0)
     output = np.hstack([model.deflection[TIPS], np.zeros((3, model.size))]) @ vectors[:, slow]
     deviation = np.exp(np.outer(time, eigenvalues[slow])) @ (output * (weight * amplitudes[slow])).T
-    return DEFLECTION[TIPS] + deviation.real
+    response: Array = DEFLECTION[TIPS] + deviation.real
+    return response
 
 
 def misfit(model: BeamModel) -> Callable[[Array], float]:

@@ -59,9 +59,9 @@ class Planner:
         plan = Plan(size=0, sources={}, inputs={name: [] for name in self._instances}, reads={}, spans={})
         for name, instance in self._instances.items():
             wanted = [n for owner, names in extra if owner == name for n in names]
-            variables = [v for v in instance.variables.values()
-                         if v.type != "String" and (v.causality == "output" or v.name in wanted and v.causality != "input")]
-            ordered = sorted(variables, key=lambda v: v.type != "Real")
+            variables = [v for v in instance.variables.values() if v.type != "String" and v.causality != "input"]
+            ordered = sorted((v for v in variables if v.causality == "output" or v.name in wanted),
+                             key=lambda v: v.type != "Real")
             plan.reads[name] = [v.name for v in ordered]
             plan.spans[name] = slice(plan.size, plan.size + len(ordered))
             plan.sources |= {f"{name}.{v.name}": plan.size + k for k, v in enumerate(ordered)}
@@ -85,8 +85,8 @@ class Planner:
             kind = causality or "variable"
             known = dict.fromkeys(v.name.split("[")[0] if "]." not in v.name else v.name for v in variables.values()
                                   if causality is None or v.causality == causality)
-            raise InputError(key, f"names no {kind} {variable!r} of {owner}" + suggestion(variable.split("[")[0], known),
-                             text, source=self._file)
+            hint = suggestion(variable.split("[")[0], known)
+            raise InputError(key, f"names no {kind} {variable!r} of {owner}{hint}", text, source=self._file)
         return owner, allowed
 
     def _claim(self, plan: Plan, key: str, owner: str, names: list[str]) -> None:
@@ -141,8 +141,8 @@ class Planner:
             driven = dict(plan.inputs[owner])
             for v in instance.variables.values():
                 full = f"{owner}.{v.name}"
-                standard = (v.causality == "output" and not v.name.startswith("x_ref[")
-                            or v.causality == "input" and instance.description.modelName == "BeamPlant")
+                standard = ((v.causality == "output" and not v.name.startswith("x_ref["))
+                            or (v.causality == "input" and instance.description.modelName == "BeamPlant"))
                 place = plan.sources.get(full, driven.get(v.name))
                 if place is not None and (standard or full in wanted):
                     plan.columns.append(full)
@@ -182,7 +182,7 @@ class CoSimulation:
         recorded = np.array(self._plan.recorded, dtype=np.intp)
         values = np.empty((steps + 1, len(recorded)))
         signals, first = self._signals, self._first_external()
-        recording = Recording(time=np.arange(steps + 1) * self._step, columns=self._plan.columns, values=values, wall=0.0)
+        recording = Recording(time=self._times(0, steps + 1), columns=self._plan.columns, values=values, wall=0.0)
         begin = clock.perf_counter()
         k = 0
         try:
@@ -208,12 +208,15 @@ class CoSimulation:
             recording.time, recording.values = recording.time[:k + 1], values[:k + 1]
         return recording
 
+    def _times(self, first: int, count: int) -> Array:
+        return np.arange(first, first + count, dtype=np.float64) * self._step
+
     def _first_external(self) -> int:
         return self._plan.external[0][0].start if self._plan.external else self._plan.size
 
     def _external(self, first: int, count: int) -> Array:
         """External signals of steps first ... first + count - 1, (count, all external elements)."""
-        time = np.arange(first, first + count) * self._step
+        time = self._times(first, count)
         rows = np.empty((count, self._plan.size - self._first_external()))
         offset = self._first_external()
         for span, signal in self._plan.external:

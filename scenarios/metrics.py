@@ -92,7 +92,8 @@ class Measurement:
         places = column_indices(recording.columns, check.of)
         if not places:
             known = dict.fromkeys(c.split("[")[0] for c in recording.columns)
-            raise InputError(f"{key}.of", "is not recorded" + suggestion(check.of, known), check.of, source=self._source)
+            raise InputError(f"{key}.of", "is not recorded" + suggestion(check.of, known), check.of,
+                             source=self._source)
         if check.points:
             if max(check.points) > len(places):
                 raise InputError(f"{key}.points", f"must be from 1 to {len(places)}", check.points, source=self._source)
@@ -101,21 +102,18 @@ class Measurement:
         rows = (recording.time >= check.after - 1e-9) & (recording.time <= last + 1e-9)
         if not rows.any():
             raise InputError(f"{key}.after", "must leave rows of the run to look at", check.after, source=self._source)
-        return recording.time[rows], recording.values[np.ix_(rows, places)]
+        return recording.time[rows], recording.values[rows][:, places]
 
     def _reference(self, check: Check, y: Array, key: str) -> Array:
         if isinstance(check.reference, list):
             if len(check.reference) not in (1, y.shape[1]):
-                raise InputError(f"{key}.reference", f"must have {y.shape[1]} values", check.reference, source=self._source)
+                raise InputError(f"{key}.reference", f"must have {y.shape[1]} values", check.reference,
+                                 source=self._source)
             return np.broadcast_to(np.asarray(check.reference, dtype=float), y.shape[1:])
-        match check.reference:
-            case "target":
-                return self._target(check, key)
-            case "end":
-                return y[-1]
-            case "start":
-                return y[0]
-        return np.zeros(y.shape[1])
+        if check.reference == "target":
+            return self._target(check, key)
+        rows = {"end": y[-1], "start": y[0]}
+        return np.asarray(rows.get(check.reference, np.zeros(y.shape[1])))
 
     def _target(self, check: Check, key: str) -> Array:
         """The target in force at the end of the window, for the points that count."""

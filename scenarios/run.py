@@ -71,7 +71,7 @@ def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None]
     recording = co_simulate(path, scenario, design, settings, report, progress)
     outcomes = Measurement(scenario, str(path), recording, open_loop).outcomes() if recording.complete else []
     return Run(name=path.stem, scenario=scenario, design=design, recording=recording, open_loop=open_loop,
-               outcomes=outcomes,                summary=_summary(path.stem, scenario, design, settings, recording, outcomes))
+               outcomes=outcomes, summary=_summary(path.stem, scenario, design, settings, recording, outcomes))
 
 
 def prepare(path: Path, settings: Settings) -> tuple[Scenario, Design]:
@@ -217,7 +217,7 @@ def _spread(where: str, key: str, value: Any, variables: dict[str, Any], source:
         raise InputError(where, f"must have {len(settable)} values", value, source=source)
     for name, v in zip(settable, listed, strict=True):
         kind, low, high = variables[name].type, variables[name].min, variables[name].max
-        if isinstance(v, bool) != (kind == "Boolean") or kind == "Integer" and v != int(v):
+        if isinstance(v, bool) != (kind == "Boolean") or (kind == "Integer" and v != int(v)):
             raise InputError(where, f"must be of type {kind}", v, source=source)
         if (low is not None and v < float(low)) or (high is not None and v > float(high)):
             raise InputError(where, f"must be from {low or '-inf'} to {high or 'inf'}", v, source=source)

@@ -84,7 +84,8 @@ class Input:
     def __post_init__(self) -> None:
         given = [s for s in ("constant", "step", "pulse", "targets") if getattr(self, s) is not None]
         if len(given) != 1:
-            raise InputError("", "must have exactly one of constant, step, pulse and targets", ", ".join(given) or "none")
+            raise InputError("", "must have exactly one of constant, step, pulse and targets",
+                             ", ".join(given) or "none")
         times = [t.time for t in self.targets or []]
         if sorted(set(times)) != times:
             raise InputError("targets", "must have ascending times", times)
@@ -115,7 +116,7 @@ class Figure:
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
     title: str = ""
-    rows: Annotated[list[list[str]], Field(min_length=1)]   # signals drawn over each other; open_loop.<signal>: of that run
+    rows: Annotated[list[list[str]], Field(min_length=1)]   # signals over each other; open_loop.<signal>: of that run
     points: list[Index] | None = None                       # columns
     start: NonNegative = 0.0                                # s
     stop: Positive | None = None                            # s

@@ -41,8 +41,10 @@ def show_checks(run: Run, folder: Path) -> None:
     out = console()
     title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
     table = Table(title=title, title_justify="left", title_style="bold")
-    for heading, side in (("check", "left"), ("measured", "right"), ("limit", "right"), ("paper", "right"), ("", "left")):
-        table.add_column(heading, justify=side)  # type: ignore[arg-type]
+    table.add_column("check")
+    for heading in ("measured", "limit", "paper"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
     for o in run.outcomes:
         limited = o.minimum is not None or o.maximum is not None
         verdict = "" if not limited else "[green]ok[/]" if o.passed else "[red bold]FAILED[/]"
@@ -77,7 +79,8 @@ def show_design(design: Design) -> None:
     out.print(modes)
     if len(s["frequencies"]) > 30:
         out.print(f"... {len(s['frequencies'])} modes in all (--json lists every one)")
-    gains = Table(title="static gains, mm per 1000 V (reduced model without correction in brackets)", title_justify="left")
+    gains = Table(title="static gains, mm per 1000 V (reduced model without correction in brackets)",
+                  title_justify="left")
     gains.add_column("point", justify="right")
     for k in range(s["inputs"]):
         gains.add_column(f"u[{k + 1}]", justify="right")

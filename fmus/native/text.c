@@ -27,7 +27,7 @@ static bool write_special(char *number, double value)
 }
 
 /* The shortest digits that read back as the same value, in the notation that Python chooses. */
-static void write_whole(char *number, double value)
+static void write_shortest(char *number, double value)
 {
     if (write_special(number, value))
         return;
@@ -93,7 +93,7 @@ void compose(char *line, const char *format, va_list values)
             snprintf(number, sizeof number, "%lu", (unsigned long)va_arg(values, size_t));
             break;
         case 'r':
-            write_whole(number, va_arg(values, double));
+            write_shortest(number, va_arg(values, double));
             break;
         default:
             write_rounded(number, va_arg(values, double), *format, digits);

@@ -18,6 +18,7 @@
 #endif
 
 #define NAME_SIZE 48   /* bytes of a variable's name with its end */
+#define DIGEST_SIZE 32
 #define TEXT_SIZE 256  /* bytes of a string variable or of a line in the log */
 
 /* Tables */
@@ -48,7 +49,7 @@ SHARED const unsigned char unit_kinds[];    /* by value reference */
 SHARED const variable unit_variables[];     /* by value reference */
 SHARED const char unit_texts[][TEXT_SIZE];
 SHARED const char unit_guid[];
-SHARED const unsigned char unit_digest[32]; /* of the unit's contents, in saved states */
+SHARED const unsigned char unit_digest[DIGEST_SIZE]; /* of the unit's contents, in saved states */
 SHARED const double unit_step_size;         /* s, the declared communication step */
 SHARED const bool unit_interpolates_inputs;
 
