@@ -81,7 +81,7 @@ def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, sl
     series = transition_series(transition, flat.degree, places(TABULATED_INTERVALS))
     values = np.array([input_shape(flat, series, float(T)) for T in times])
     fitting = np.max(np.abs(values), axis=1) <= AMPLIFICATION
-    if not fitting[-1]:
+    if not fitting[-2:].all():
         raise DesignError(f"a transition of {times[-1]:.3g} s still takes {np.max(np.abs(values[-1])):.3g} times the "
                           "voltage at rest; take a larger gevrey_order or a smaller reduced_modes")
     first = len(times) - int(np.argmin(fitting[::-1])) if not fitting.all() else 0

@@ -45,8 +45,9 @@ bool matrix_exponential(size_t n, double *A, double *workspace)
     const int squarings = magnitude > 1.0 ? exponent : 0;
     if (squarings > MOST_SQUARINGS)
         return false;
+    const double scale = ldexp(1.0, -squarings);
     for (size_t k = 0; k < size; k++)
-        A[k] = ldexp(A[k], -squarings);
+        A[k] *= scale;
 
     multiply_matrices(n, n, n, A, A, A2);
     multiply_matrices(n, n, n, A2, A2, A4);

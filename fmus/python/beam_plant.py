@@ -36,12 +36,14 @@ class BeamPlant(Unit):
 
     def setup(self) -> None:
         """Views of the variables; the state is x = (R_K' q, R_M' q')."""
-        self._u, self._force = self.view("u"), self.view("force")
+        self._u = self.view("u")
+        self._inputs = self.values[self.span("u").start:self.span("force").stop]
         # y_pi, y_pm and w stand side by side, so one product fills them
         self._shown = self.values[self.span("y_pi").start:self.span("w").stop]
         self._y_pm = self.view("y_pm")
         self._energy, self._deviation = self.view("energy"), self.view("strain_noise_std")
         self._x = self.state_array("x", 2 * int(self.meta["size"]))
+        self._q = self._x[:len(self._x) // 2]
         self._built: bytes = b""
         self._steps: dict[float, NDArray[np.float64]] = {}
 
@@ -65,11 +67,11 @@ class BeamPlant(Unit):
             if len(self._steps) > 64:
                 self._steps.clear()
             transition = self._steps[step] = np.hstack(discretise(self._form.A, self._form.B, step))
-        self._x[:] = transition @ np.concatenate((self._x, self._u, self._force))
+        self._x[:] = transition @ np.concatenate((self._x, self._inputs))
         self._put_out(time + step)
 
     def _put_out(self, time: float) -> None:
-        self._shown[:] = self._outputs @ self._x[:len(self._x) // 2]
+        self._shown[:] = self._outputs @ self._q
         self._energy[0] = 0.5 * (self._x @ self._x)
         if self._deviation[0] > 0:
             seed = int(self.view("noise_seed")[0])
