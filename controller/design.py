@@ -79,8 +79,8 @@ class Design:
 def compute_design(structure: Structure, options: DesignOptions | None = None) -> Design:
     """Reduction, flatness coefficients, filter and regulator of a structure.
 
-    Arrays: A, B, H_pi, H_pm, D_pi, D_pm (reduced, continuous); A_d, B_d (sampled); estimator_gain (m, n_pm),
-    feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m; input_series (m + 1,), state_series (m, m, n_u);
+    Arrays: A, B, H_pi, H_pm, H_w, D_pi, D_pm, D_w (reduced, continuous); A_d, B_d (sampled); estimator_gain
+    (m, n_pm), feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m; input_series (m + 1,), state_series (m, m, n_u);
     shape_times, shape_values; transition_table, transition_constants (exponent, norm).
     Raises DesignError where a step has no acceptable result.
     """
@@ -112,9 +112,10 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     gain = gain_full if options.static_gain == "full" else reduced.static_gain()[0] + reduced.D_pi
     arrays = {
         "A": reduced.A, "B": reduced.B, "H_pi": reduced.H_pi, "H_pm": reduced.H_pm, "D_pi": reduced.D_pi,
-        "D_pm": reduced.D_pm, "A_d": A_d, "B_d": B_d, "estimator_gain": estimator_gain,
-        "feedback_gain": feedback_gain, "static_inverse": np.linalg.pinv(gain), "input_series": flat.input,
-        "state_series": flat.state, "shape_times": shapes.times, "shape_values": shapes.values,
+        "D_pm": reduced.D_pm, "H_w": reduced.H_w, "D_w": reduced.D_w, "A_d": A_d, "B_d": B_d,
+        "estimator_gain": estimator_gain, "feedback_gain": feedback_gain, "static_inverse": np.linalg.pinv(gain),
+        "input_series": flat.input, "state_series": flat.state, "shape_times": shapes.times,
+        "shape_values": shapes.values,
         "transition_table": transition.table,
         "transition_constants": np.array([transition.exponent, transition.norm]),
     }

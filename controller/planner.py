@@ -20,7 +20,7 @@ class InputShapes:
     """D_u(d/dt) Theta over the transition, tabulated for a range of transition times.
 
     One curve serves every input and target, since D_u is scalar. A transition longer than the table uses the last
-    curve, which is Theta itself but for 1e-3.
+    curve, which hardly differs from Theta itself.
     """
 
     times: Array    # (k,), s, ascending

@@ -13,13 +13,15 @@ from plant.statespace import static_gains
 
 OutputWeight = Literal["identity", "energy"]
 ENERGY_MODES = 30  # undamped modes kept before balancing in the energy norm
+VANISHING = 1e-7   # singular values that are rounding: the roots of Gramians that are accurate to 1e-16
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedModel:
     """x_r' = A x_r + B u, y_pi = H_pi x_r + D_pi u, y_pm = H_pm x_r + D_pm u with m = 2 r N_r states (29).
 
-    D_pi, D_pm are the static corrections G_full(0) - G_reduced(0), zero without static correction.
+    D_pi, D_pm are the static corrections G_full(0) - G_reduced(0), zero without static correction. The shape of
+    the beams, w = H_w x_r + D_w u, is read off in the same way.
     """
 
     A: Array                 # (m, m), 1/s
@@ -28,6 +30,8 @@ class ReducedModel:
     H_pm: Array              # (n_pm, m)
     D_pi: Array              # (n_pi, n_u), m/V
     D_pm: Array              # (n_pm, n_u), 1/V
+    H_w: Array               # (r STATIONS, m), beam after beam, each from the clamp to the tip
+    D_w: Array               # (r STATIONS, n_u), m/V
     hankel_position: Array   # all singular values of the position blocks (25), descending
     hankel_velocity: Array   # all singular values of the velocity blocks
     share: float             # part of their sum that the kept ones hold, 0 ... 1
@@ -68,16 +72,17 @@ def reduce(model: BeamModel, system: SecondOrderSystem, *, kept: int, output_wei
     left = np.block([[left_p, np.zeros_like(left_v)], [np.zeros_like(left_p), left_v]])
     A_r = left @ A @ right
     _require_stable(A_r, kept)
-    H_pi, H_pm = (np.hstack([rows @ positions, np.zeros((len(rows), n))]) @ right
-                  for rows in (model.deflection, model.strain))
+    looks = (model.deflection, model.strain, model.stations.reshape(-1, model.size))
+    H_pi, H_pm, H_w = (np.hstack([rows @ positions, np.zeros((len(rows), n))]) @ right for rows in looks)
     B_r = left @ B
-    D_pi, D_pm = np.zeros((len(H_pi), B.shape[1])), np.zeros((len(H_pm), B.shape[1]))
+    D_pi, D_pm, D_w = (np.zeros((len(rows), B.shape[1])) for rows in looks)
     if static_correction:
         rest = -np.linalg.solve(A_r, B_r)
         full_pi, full_pm = static_gains(model, system)
         D_pi, D_pm = full_pi - H_pi @ rest, full_pm - H_pm @ rest
+        D_w = looks[2] @ np.linalg.solve(system.K, system.L) - H_w @ rest
     total = sigma_p.sum() + sigma_v.sum()
-    return ReducedModel(A=A_r, B=B_r, H_pi=H_pi, H_pm=H_pm, D_pi=D_pi, D_pm=D_pm,
+    return ReducedModel(A=A_r, B=B_r, H_pi=H_pi, H_pm=H_pm, D_pi=D_pi, D_pm=D_pm, H_w=H_w, D_w=D_w,
                         hankel_position=sigma_p, hankel_velocity=sigma_v,
                         share=float((sigma_p[:kept].sum() + sigma_v[:kept].sum()) / total), residual=residual)
 
@@ -107,7 +112,7 @@ def _balance(controllability: Array, observability: Array, kept: int) -> tuple[A
     """T (n, kept), its left inverse (kept, n), and all singular values of (25), (27)."""
     factor_c, factor_o = _factor(controllability), _factor(observability)
     U, sigma, Vt = svd(factor_o.T @ factor_c)
-    if sigma[kept - 1] <= sigma[0] * 1e-14:
+    if sigma[kept - 1] <= sigma[0] * VANISHING:
         raise DesignError(f"reduced_modes keeps state {kept}, whose Hankel singular value {sigma[kept - 1]:.3g} "
                           f"vanishes beside the first, {sigma[0]:.3g}; keep fewer")
     scale = 1 / np.sqrt(sigma[:kept])

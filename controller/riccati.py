@@ -7,12 +7,13 @@ from plant.basis import Array
 from plant.errors import DesignError
 
 TOLERANCE = 1e-9  # relative residual accepted
+MARGIN = 1e-12    # by which a stable eigenvalue is inside the unit circle, more than rounding
 
 
 def residual(A: Array, B: Array, Q: Array, R: Array, S: Array) -> float:
     """||A'SA - S - A'SB (R + B'SB)^-1 B'SA + Q|| / ||S||."""
     gain = np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A)
-    return float(np.linalg.norm(A.T @ S @ A - S - A.T @ S @ B @ gain + Q) / np.linalg.norm(S))
+    return float(np.linalg.norm(A.T @ S @ A - S - A.T @ S @ B @ gain + Q) / (np.linalg.norm(S) or 1.0))
 
 
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
@@ -29,11 +30,11 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
         S = solve_discrete_are(A, scaled, Q, identity)
         for _ in range(2):
             gain = np.linalg.solve(identity + scaled.T @ S @ scaled, scaled.T @ S @ A)
-            S = solve_discrete_lyapunov((A - scaled @ gain).T, Q + gain.T @ gain)
+            S = solve_discrete_lyapunov((A - scaled @ gain).T, Q + gain.T @ gain, method="bilinear")
             S = (S + S.T) / 2
     except (LinAlgError, ValueError) as error:
         raise DesignError(f"{what}: the Riccati equation has no stabilising solution ({error})") from None
-    if (left := residual(A, scaled, Q, identity, S)) > TOLERANCE:
+    if not (left := residual(A, scaled, Q, identity, S)) <= TOLERANCE:
         raise DesignError(f"{what}: the Riccati equation is solved to {left:.1e} only, wanted {TOLERANCE:.0e}")
     result: Array = S
     return result
@@ -42,5 +43,5 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
 def require_stable(A: Array, what: str) -> None:
     """DesignError where an eigenvalue of a discrete-time A (n, n) is not inside the unit circle."""
     radius = float(np.max(np.abs(np.linalg.eigvals(A))))
-    if radius >= 1:
+    if not radius < 1 - MARGIN:
         raise DesignError(f"{what} is not stable: an eigenvalue has magnitude {radius:.6g}, wanted < 1")

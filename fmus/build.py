@@ -1,7 +1,7 @@
 """Units from a design: which files they are made of, where they go, and when they are made again."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -9,47 +9,61 @@ from typing import Literal
 from controller.design import Design
 from fmus.data import unit_data
 from fmus.interface import UNITS, interface_of
-from fmus.python_backend import PythonUnit, build_python_units
 from plant.galerkin import BeamModel
 
 Backend = Literal["native", "python"]
+BACKENDS: tuple[Backend, ...] = ("native", "python")
 
 _ROOT = Path(__file__).parent.parent
 _KERNELS = {"BeamPlant": "beam_plant", "FlatnessFeedforward": "flatness_feedforward",
             "TrackingController": "tracking_controller"}
 
 
-def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: Path) -> list[Path]:
-    """Builds units with the Python kernel into folder/python/<Unit>.fmu and returns the files.
+def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: Path, *, backend: Backend = "native",
+                platforms: Sequence[str] = ("host",), compiler: str = "zig") -> list[Path]:
+    """Builds units into folder/<backend>/<Unit>.fmu and returns the files.
 
-    `model` is the plant's, of the design's structure and any basis. Raises BuildError where pythonfmu fails.
+    `model` is the plant's, of the design's structure and any basis. `platforms` and `compiler` are for native units, see
+    fmus.native_backend.build_native_units. Raises BuildError where a tool is missing or fails.
     """
-    units = []
+    parts = []
     for name in names:
         interface = interface_of(name, design, model)
-        arrays, meta = unit_data(interface, design, model)
-        kernel_file = _ROOT / "fmus" / "python" / f"{_KERNELS[name]}.py"
-        units.append(PythonUnit(interface=interface, data=arrays, meta=meta, kernel_file=kernel_file,
-                                out=folder / "python" / f"{name}.fmu"))
-    return build_python_units(units, version=version("flexbeams"))
+        parts.append((interface, *unit_data(interface, design, model), folder / backend / f"{name}.fmu"))
+    if backend == "native":
+        from fmus.native_backend import NativeUnit, build_native_units
+
+        return build_native_units([NativeUnit(interface=i, data=d, meta=m, out=out) for i, d, m, out in parts],
+                                  platforms, compiler, version=version("flexbeams"))
+    from fmus.python_backend import PythonUnit, build_python_units
+
+    return build_python_units(
+        [PythonUnit(interface=i, data=d, meta=m, out=out,
+                    kernel_file=_ROOT / "fmus" / "python" / f"{_KERNELS[i.unit_name]}.py") for i, d, m, out in parts],
+        version=version("flexbeams"))
 
 
-def unit_folder(design: Design, model: BeamModel, root: Path) -> Path:
+def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:
     """Where the units of a design and a plant basis are kept between runs: a folder named by all they depend on."""
-    digest = hashlib.sha256(f"{design.design_id} {model.basis} {model.order}".encode())
+    digest = hashlib.sha256(f"{design.design_id} {model.basis} {model.order} {compiler}".encode())
     for package in ("plant", "controller", "fmus"):
-        for path in sorted((_ROOT / package).rglob("*.py")):
+        for path in sorted(p for p in (_ROOT / package).rglob("*") if p.suffix in (".py", ".c", ".h")):
             digest.update(path.read_bytes())
     return root / f"{design.design_id[:8]}-{model.basis}-{model.order}-{digest.hexdigest()[:8]}"
 
 
-def ensure_units(names: Sequence[str], design: Design, model: BeamModel, root: Path,
-                 report: Callable[[str], None]) -> dict[str, Path]:
-    """The units' files, those that are missing or stale built first."""
-    folder = unit_folder(design, model, root)
-    files = {name: folder / "python" / f"{name}.fmu" for name in names}
-    missing = [name for name in UNITS if name in files and not files[name].is_file()]
-    if missing:
-        report(f"building {', '.join(missing)}")
-        build_units(missing, design, model, folder)
+def ensure_units(wanted: Mapping[str, tuple[str, BeamModel]], design: Design, root: Path,
+                 report: Callable[[str], None], *, backend: Backend = "native", compiler: str = "zig") -> dict[str, Path]:
+    """The file of each instance, given its unit and model; units that are missing or stale are built first."""
+    files: dict[str, Path] = {}
+    missing: dict[Path, tuple[BeamModel, set[str]]] = {}
+    for instance, (unit, model) in wanted.items():
+        folder = unit_folder(design, model, root, compiler)
+        files[instance] = folder / backend / f"{unit}.fmu"
+        if not files[instance].is_file():
+            missing.setdefault(folder, (model, set()))[1].add(unit)
+    for folder, (model, units) in missing.items():
+        names = [name for name in UNITS if name in units]
+        report(f"building {', '.join(names)}")
+        build_units(names, design, model, folder, backend=backend, compiler=compiler)
     return files

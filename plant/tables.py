@@ -97,14 +97,17 @@ def _keys_at(kind: type, location: tuple[int | str, ...]) -> list[str]:
             node = definitions[node["$ref"].rsplit("/", 1)[1]]
         return node
 
-    node = resolve(schema)
-    for part in location[:-1]:
+    def present(node: dict[str, Any]) -> dict[str, Any]:
         options = [resolve(option) for option in node.get("anyOf", node.get("oneOf", [node]))]
-        node = next((o for o in options if o.get("type") != "null"), options[0])
+        return next((o for o in options if o.get("type") != "null"), options[0])
+
+    node = present(resolve(schema))
+    for part in location[:-1]:
         if isinstance(part, int):
             node = resolve(node.get("items", {}))
         elif "properties" in node and part in node["properties"]:
             node = resolve(node["properties"][part])
         elif isinstance(node.get("additionalProperties"), dict):
             node = resolve(node["additionalProperties"])
+        node = present(node)
     return list(node.get("properties", {}))

@@ -1,31 +1,38 @@
 """Connection plan and stepping of coupled instances, in integer steps, with one array for all signals."""
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.basis import Array
 from plant.errors import InputError, suggestion
-from scenarios.instance import UnitFailure, UnitInstance, element_names
-from scenarios.schema import Coupling, Input, Scenario
-from scenarios.signals import sample, width
+from scenarios.frames import FramePlan, FrameRecorder, Frames
+from scenarios.instance import READ_ORDER, UnitFailure, UnitInstance, element_names
+from scenarios.interrupt import held_interrupt
+from scenarios.schema import Coupling, Scenario
+from scenarios.signals import Signal, signal_of
+from scenarios.stepping import PythonStepper, Stepper, Wiring
 
 BLOCK = 500         # steps between looks at progress and external signals
 
 
 @dataclass(kw_only=True)
 class Recording:
-    """What a run leaves: row k holds the values at time[k]."""
+    """What a run leaves: row k holds the values at time[k], every `decimate`-th step and the last one."""
 
     time: Array                     # (rows,), s
     columns: list[str]              # <instance>.<variable>
     values: Array                   # (rows, len(columns))
     wall: float                     # s, of the stepping loop alone
+    steps: int = 0                  # done
+    decimate: int = 1
     failure: UnitFailure | None = None
     interrupted: bool = False
+    frames: Frames | None = None    # shapes for an animation, where the plan asked for them
+    lateness: Array | None = None   # s, of each step of a paced run against the wall clock
 
     @property
     def complete(self) -> bool:
@@ -42,16 +49,21 @@ class Plan:
     inputs: dict[str, list[tuple[str, int]]]           # instance to (input, place of its source)
     reads: dict[str, list[str]]                        # instance to variables read, Real ones first
     spans: dict[str, slice]                            # instance to its part of the array
-    external: list[tuple[slice, Input | float]] = field(default_factory=list)
+    external: list[tuple[slice, Signal | float]] = field(default_factory=list)
     columns: list[str] = field(default_factory=list)
     recorded: list[int] = field(default_factory=list)
+    frames: FramePlan | None = None
 
 
 class Planner:
-    """Builds a Plan from a scenario and the variables of its instances; InputError names file, key and value."""
+    """Builds a Plan from a scenario and the variables of its instances; InputError names file, key and value.
 
-    def __init__(self, scenario: Scenario, instances: dict[str, UnitInstance], source: str) -> None:
-        self._scenario, self._instances, self._file = scenario, instances, source
+    `starts` has the start values set by instance; inputs that nothing drives hold theirs.
+    """
+
+    def __init__(self, scenario: Scenario, instances: dict[str, UnitInstance], source: str,
+                 starts: Mapping[str, Mapping[str, float | bool]] | None = None) -> None:
+        self._scenario, self._instances, self._file, self._starts = scenario, instances, source, starts or {}
 
     def plan(self) -> Plan:
         """The plan; every connection, input and record entry resolved."""
@@ -61,7 +73,7 @@ class Planner:
             wanted = [n for owner, names in extra if owner == name for n in names]
             variables = [v for v in instance.variables.values() if v.type != "String" and v.causality != "input"]
             ordered = sorted((v for v in variables if v.causality == "output" or v.name in wanted),
-                             key=lambda v: v.type != "Real")
+                             key=lambda v: READ_ORDER.index(v.type))
             plan.reads[name] = [v.name for v in ordered]
             plan.spans[name] = slice(plan.size, plan.size + len(ordered))
             plan.sources |= {f"{name}.{v.name}": plan.size + k for k, v in enumerate(ordered)}
@@ -107,14 +119,14 @@ class Planner:
             plan.inputs[target] += [(i, plan.sources[f"{source}.{o}"]) for i, o in zip(inputs, outputs, strict=True)]
 
     def _drive(self, plan: Plan) -> None:
-        for k, signal in enumerate(self._scenario.input, 1):
-            owner, names = self._signal(f"input[{k}].to", signal.to, "input")
+        for k, drive in enumerate(self._scenario.input, 1):
+            owner, names = self._signal(f"input[{k}].to", drive.to, "input")
             try:
-                elements = width(signal)
+                signal = signal_of(drive, Path(self._file).parent)
             except InputError as error:
-                raise error.at(self._file, f"input[{k}].") from None
-            if elements not in (1, len(names)):
-                raise InputError(f"input[{k}]", f"must give {len(names)} values for {signal.to}", elements,
+                raise error if error.source else error.at(self._file, f"input[{k}].") from None
+            if signal.width not in (1, len(names)):
+                raise InputError(f"input[{k}]", f"must give {len(names)} values for {drive.to}", signal.width,
                                  source=self._file)
             self._claim(plan, f"input[{k}].to", owner, names)
             self._add_external(plan, owner, names, signal)
@@ -126,9 +138,10 @@ class Planner:
             for v in instance.variables.values():
                 shown = instance.description.modelName == "BeamPlant" or f"{owner}.{v.name}" in recorded
                 if v.causality == "input" and v.type == "Real" and v.name not in driven and shown:
-                    self._add_external(plan, owner, [v.name], float(v.start or 0.0))
+                    start = self._starts.get(owner, {}).get(v.name, v.start)
+                    self._add_external(plan, owner, [v.name], float(start or 0.0))
 
-    def _add_external(self, plan: Plan, owner: str, names: list[str], signal: Input | float) -> None:
+    def _add_external(self, plan: Plan, owner: str, names: list[str], signal: Signal | float) -> None:
         span = slice(plan.size, plan.size + len(names))
         plan.external.append((span, signal))
         plan.inputs[owner] += [(n, span.start + k) for k, n in enumerate(names)]
@@ -150,97 +163,86 @@ class Planner:
 
 
 class CoSimulation:
-    """Instances that step together by a plan."""
+    """Instances that step together by a plan; `stepper` chooses the loop, by default the one in Python."""
 
-    def __init__(self, instances: dict[str, UnitInstance], plan: Plan, step: float) -> None:
+    def __init__(self, instances: dict[str, UnitInstance], plan: Plan, step: float, coupling: Coupling,
+                 stepper: Callable[[Mapping[str, UnitInstance], Wiring], Stepper] | None = None) -> None:
         self._instances, self._plan, self._step = instances, plan, step
-        self._signals = np.zeros(plan.size)
-        self._gather: dict[str, NDArray[np.intp]] = {}
+        signals = np.zeros(plan.size)
+        sources = {name: np.array([place for _, place in plan.inputs[name]], dtype=np.int64) for name in instances}
+        first = plan.external[0][0].start if plan.external else plan.size
+        self._wiring = Wiring(signals=signals, first_external=first, spans=plan.spans, sources=sources,
+                              recorded=np.array(plan.recorded, dtype=np.int64), coupling=coupling, step=step)
         for name, instance in instances.items():
-            inputs = plan.inputs[name]
-            instance.connect(plan.reads[name], self._signals[plan.spans[name]], [n for n, _ in inputs])
-            self._gather[name] = np.array([place for _, place in inputs], dtype=np.intp)
+            instance.connect(plan.reads[name], signals[plan.spans[name]], [n for n, _ in plan.inputs[name]])
+        self._first = PythonStepper(instances, self._wiring)
+        self.stepper: Stepper = stepper(instances, self._wiring) if stepper else self._first
 
     def initialise(self, stop_time: float) -> None:
         """Initialisation mode of every instance; values pass along the order of the instances, twice."""
         for instance in self._instances.values():
             instance.call("setupExperiment", None, 0.0, stop_time)
             instance.call("enterInitializationMode")
-        self._signals[self._first_external():] = self._external(0, 1)[0]
+        self._wiring.signals[self._wiring.first_external:] = self._external(0, 1)[0]
         for _ in range(2):
             for name in self._instances:
-                self._exchange(name)
+                self._first.exchange(name)
                 self._instances[name].read()
         for instance in self._instances.values():
             instance.call("exitInitializationMode")
         for instance in self._instances.values():
             instance.read()
 
-    def run(self, steps: int, coupling: Coupling, progress: Callable[[int], None] = lambda done: None) -> Recording:
-        """Steps from 0 to steps * step and records; a unit's failure or Ctrl-C ends the run, rows so far are kept."""
-        advance = self._jacobi if coupling == "jacobi" else self._gauss_seidel
-        recorded = np.array(self._plan.recorded, dtype=np.intp)
-        values = np.empty((steps + 1, len(recorded)))
-        signals, first = self._signals, self._first_external()
-        recording = Recording(time=self._times(0, steps + 1), columns=self._plan.columns, values=values, wall=0.0)
+    def run(self, steps: int, progress: Callable[[int], None] = lambda done: None, decimate: int = 1) -> Recording:
+        """Steps from 0 to steps * step and records; a unit's failure or Ctrl-C ends the run, rows so far are kept.
+
+        Every `decimate`-th step is recorded, and the last one. Ctrl-C is looked at after each block of steps, so
+        that it meets no unit at work; a second one acts at once.
+        """
+        wiring, stepper = self._wiring, self.stepper
+        rows = np.empty((-(-steps // decimate) + 1, len(wiring.recorded)))
+        recording = Recording(time=np.zeros(1), columns=self._plan.columns, values=rows, wall=0.0, decimate=decimate)
+        np.take(wiring.signals, wiring.recorded, out=rows[0])
+        frames = FrameRecorder(self._plan.frames, self._instances, steps, self._step)
+        k, shown = 0, 0
         begin = clock.perf_counter()
-        k = 0
-        try:
-            while k < steps:
-                block = min(BLOCK, steps - k)
-                external = self._external(k, block)
-                for row in external:
-                    signals[first:] = row
-                    np.take(signals, recorded, out=values[k])
-                    advance(k * self._step)
-                    k += 1
-                progress(k)
-            signals[first:] = self._external(steps, 1)[0]
-            np.take(signals, recorded, out=values[k])
-            k += 1
-        except UnitFailure as failure:
-            recording.failure = failure
-        except KeyboardInterrupt:
-            recording.interrupted = True
+        with held_interrupt() as interrupted:
+            try:
+                while k < steps and not interrupted():
+                    if k == frames.due:
+                        self._drive(k)
+                        frames.take(wiring.signals)
+                    count = min(BLOCK, steps - k, frames.due - k if frames.due > k else BLOCK)
+                    k += stepper.advance(k, self._external(k, count), decimate, rows)
+                    if k - shown >= BLOCK or k == steps:
+                        progress(shown := k)
+                self._drive(k)
+                np.take(wiring.signals, wiring.recorded, out=rows[-(-k // decimate)])
+                if k == frames.due:
+                    frames.take(wiring.signals)
+                recording.interrupted = k < steps
+            except UnitFailure as failure:
+                recording.failure, k = failure, stepper.done
+            except KeyboardInterrupt:
+                recording.interrupted, k = True, stepper.done
         recording.wall = clock.perf_counter() - begin
-        if not recording.complete:
-            # The row of the step that failed was taken before it
-            recording.time, recording.values = recording.time[:k + 1], values[:k + 1]
+        recording.steps, recording.frames = k, frames.taken()
+        recording.lateness = None if stepper.lateness is None else stepper.lateness[:k]
+        count = -(-k // decimate) + 1
+        recording.time = np.minimum(np.arange(count) * decimate, k) * self._step
+        recording.values = rows[:count]
         return recording
 
-    def _times(self, first: int, count: int) -> Array:
-        return np.arange(first, first + count, dtype=np.float64) * self._step
-
-    def _first_external(self) -> int:
-        return self._plan.external[0][0].start if self._plan.external else self._plan.size
+    def _drive(self, number: int) -> None:
+        """External signals of one step into the array."""
+        self._wiring.signals[self._wiring.first_external:] = self._external(number, 1)[0]
 
     def _external(self, first: int, count: int) -> Array:
         """External signals of steps first ... first + count - 1, (count, all external elements)."""
-        time = self._times(first, count)
-        rows = np.empty((count, self._plan.size - self._first_external()))
-        offset = self._first_external()
+        time = np.arange(first, first + count, dtype=np.float64) * self._step
+        offset = self._wiring.first_external
+        rows = np.empty((count, self._plan.size - offset))
         for span, signal in self._plan.external:
             part = rows[:, span.start - offset:span.stop - offset]
-            part[:] = signal if isinstance(signal, float) else sample(signal, time)
+            part[:] = signal if isinstance(signal, float) else signal.sample(time)
         return rows
-
-    def _exchange(self, name: str) -> None:
-        instance = self._instances[name]
-        np.take(self._signals, self._gather[name], out=instance.inputs)
-        instance.write()
-
-    def _jacobi(self, time: float) -> None:
-        """All units read the values of t_k, then all step."""
-        for name in self._instances:
-            self._exchange(name)
-        for instance in self._instances.values():
-            instance.step(time, self._step)
-        for instance in self._instances.values():
-            instance.read()
-
-    def _gauss_seidel(self, time: float) -> None:
-        """Units step in their order and pass on new values at once."""
-        for name, instance in self._instances.items():
-            self._exchange(name)
-            instance.step(time, self._step)
-            instance.read()

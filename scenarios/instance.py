@@ -2,6 +2,7 @@
 
 import ctypes
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -16,12 +17,17 @@ from fmpy.fmi2 import (
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
 )
+from numpy.typing import NDArray
 
 from plant.basis import Array
 
-_REFERENCES = ctypes.POINTER(ctypes.c_uint32)
-_REALS = ctypes.POINTER(ctypes.c_double)
-_INTEGERS = ctypes.POINTER(ctypes.c_int32)
+READ_ORDER = ("Real", "Integer", "Boolean")   # of the types that a run reads
+_WARNING = 1
+_POINTERS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+_FUNCTIONS = {
+    "fmi2GetReal": _POINTERS, "fmi2SetReal": _POINTERS, "fmi2GetInteger": _POINTERS, "fmi2GetBoolean": _POINTERS,
+    "fmi2DoStep": (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int),
+}
 
 
 class UnitFailure(RuntimeError):
@@ -31,11 +37,22 @@ class UnitFailure(RuntimeError):
         super().__init__(f"{instance} failed at {time:.6g} s in {function}: {reason}")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """Value references that a run reads and writes at every step."""
+
+    written: NDArray[np.uint32]    # Real inputs
+    read: NDArray[np.uint32]       # Real outputs
+    integers: NDArray[np.uint32]   # Integer outputs
+    booleans: NDArray[np.uint32]   # Boolean outputs
+
+
 class UnitInstance:
     """An instance of an extracted FMU.
 
     `connect` fixes which value references are read and written and where their values stand in arrays of the
-    caller; `read`, `write` and `step` then take no arguments but the time. Messages of the unit go to `report`.
+    caller; `read`, `write` and `step` then take no arguments but the time and call the library with cached
+    pointers: FMPy's own calls convert lists and cost more than the model. Messages of the unit go to `report`.
     """
 
     def __init__(self, name: str, folder: Path, description: Any, report: Callable[[str], None]) -> None:
@@ -43,7 +60,7 @@ class UnitInstance:
         self.description = description
         self.variables = {v.name: v for v in description.modelVariables}
         self._report = report
-        self._reason = ""
+        self.reason = ""
         self._callbacks = fmi2CallbackFunctions()
         self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
@@ -54,25 +71,29 @@ class UnitInstance:
         try:
             self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
         except Exception as error:
-            raise UnitFailure(name, 0.0, "fmi2Instantiate", self._reason or str(error)) from None
-        self._component = self._fmu.component
+            raise UnitFailure(name, 0.0, "fmi2Instantiate", self.reason or str(error)) from None
+        self.component = self._fmu.component
+        self._functions = {}
+        for function, types in _FUNCTIONS.items():
+            self._functions[function] = self._fmu.dll[function]
+            self._functions[function].argtypes = types
 
     def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         text = (message or b"").decode("utf-8", "replace").strip()
         if status > 1:
-            self._reason = text
+            self.reason = text
         elif text:
             self._report(f"{self.name}: {text}")
 
     def call(self, function: str, *arguments: Any) -> Any:
         """Calls an FMI function by the name that FMPy gives it; UnitFailure with the logged reason otherwise."""
-        self._reason = ""
+        self.reason = ""
         try:
             result = getattr(self._fmu, function)(*arguments)
         except FMICallException as error:
-            raise UnitFailure(self.name, self.time, function, self._reason or str(error)) from None
-        if self._reason:  # a unit that cannot return fmi2Error has logged it
-            raise UnitFailure(self.name, self.time, function, self._reason)
+            raise UnitFailure(self.name, self.time, function, self.reason or str(error)) from None
+        if self.reason:  # a unit that cannot return fmi2Error has logged it
+            raise UnitFailure(self.name, self.time, function, self.reason)
         return result
 
     def set_start(self, name: str, value: float | bool | str) -> None:
@@ -90,66 +111,76 @@ class UnitInstance:
         return bool(value) if variable.type == "Boolean" else float(value)
 
     def connect(self, read: list[str], into: Array, write: list[str]) -> None:
-        """`read` names fill `into` (len(read),), a slice of the caller's; `write` names take from `self.inputs`."""
-        reals = [k for k, n in enumerate(read) if self.variables[n].type == "Real"]
-        others = [k for k, n in enumerate(read) if self.variables[n].type != "Real"]
-        if reals != list(range(len(reals))):
-            raise ValueError("Real variables must be read before the others")
-        self._read_references = self._references([read[k] for k in reals])
-        self._others = [(self.variables[read[k]].type, self._references([read[k]]), np.zeros(1, np.int32), k)
-                        for k in others]
-        self._into = into
-        self._read_pointer = into.ctypes.data_as(_REALS)
-        self._n_read = len(reals)
-        self.inputs = np.zeros(len(write))
-        self._write_references = self._references(write)
-        self._write_pointer = self.inputs.ctypes.data_as(_REALS)
-        self._n_write = len(write)
+        """`read` names fill `into` (len(read),), a slice of the caller's; `write` names take from `self.inputs`.
 
-    def _references(self, names: list[str]) -> Any:
-        return (ctypes.c_uint32 * max(len(names), 1))(*[self.variables[n].valueReference for n in names])
+        `read` has the Real variables first, then the Integer, then the Boolean ones.
+        """
+        kinds = [self.variables[n].type for n in read]
+        if kinds != sorted(kinds, key=READ_ORDER.index):
+            raise ValueError("read must have Real, then Integer, then Boolean variables")
+        by_kind = {kind: self._references([n for n in read if self.variables[n].type == kind]) for kind in READ_ORDER}
+        self.port = Port(written=self._references(write), read=by_kind["Real"], integers=by_kind["Integer"],
+                         booleans=by_kind["Boolean"])
+        self._into, self.inputs = into, np.zeros(len(write))
+        n_real, n_integer = len(self.port.read), len(self.port.integers)
+        self._discrete = []
+        for function, references, first in (("fmi2GetInteger", self.port.integers, n_real),
+                                            ("fmi2GetBoolean", self.port.booleans, n_real + n_integer)):
+            if len(references):
+                values = np.zeros(len(references), np.int32)
+                self._discrete.append((function, self._arguments(references, values), values, first))
+        self._read = self._arguments(self.port.read, into) if n_real else None
+        self._write = self._arguments(self.port.written, self.inputs) if write else None
+
+    def reader(self, names: list[str]) -> Callable[[Array], None]:
+        """A function that fills the head of an array with the values of Real variables, all in one call."""
+        references = self._references(names)
+
+        def read(into: Array) -> None:
+            self._call("fmi2GetReal", self._arguments(references, into))
+
+        return read
 
     def read(self) -> None:
         """Outputs into the caller's array."""
-        try:
-            if self._n_read:
-                self._fmu.fmi2GetReal(self._component, self._read_references, self._n_read, self._read_pointer)
-            for kind, reference, value, place in self._others:
-                get = self._fmu.fmi2GetBoolean if kind == "Boolean" else self._fmu.fmi2GetInteger
-                get(self._component, reference, 1, value.ctypes.data_as(_INTEGERS))
-                self._into[place] = value[0]
-        except FMICallException as error:
-            raise UnitFailure(self.name, self.time, error.function, self._reason or str(error)) from None
-        if self._reason:
-            raise UnitFailure(self.name, self.time, "fmi2GetReal", self._reason)
+        if self._read:
+            self._call("fmi2GetReal", self._read)
+        for function, arguments, values, first in self._discrete:
+            self._call(function, arguments)
+            self._into[first:first + len(values)] = values
 
     def write(self) -> None:
         """`self.inputs` to the unit."""
-        if not self._n_write:
-            return
-        try:
-            self._fmu.fmi2SetReal(self._component, self._write_references, self._n_write, self._write_pointer)
-        except FMICallException as error:
-            raise UnitFailure(self.name, self.time, error.function, self._reason or str(error)) from None
-        if self._reason:
-            raise UnitFailure(self.name, self.time, "fmi2SetReal", self._reason)
+        if self._write:
+            self._call("fmi2SetReal", self._write)
 
     def step(self, time: float, step: float) -> None:
         """One doStep from `time`."""
         self.time = time
-        try:
-            self._fmu.fmi2DoStep(self._component, time, step, 1)
-        except FMICallException as error:
-            raise UnitFailure(self.name, time, "fmi2DoStep", self._reason or str(error)) from None
-        if self._reason:
-            raise UnitFailure(self.name, time, "fmi2DoStep", self._reason)
+        self._call("fmi2DoStep", (self.component, time, step, 1))
+
+    def address(self, function: str) -> int | None:
+        """Address of one of the functions that a run calls at every step."""
+        return ctypes.cast(self._functions[function], ctypes.c_void_p).value
+
+    def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
+        status = self._functions[function](*arguments)
+        if status > _WARNING or self.reason:
+            raise UnitFailure(self.name, self.time, function, self.reason or f"status {status}")
+
+    def _references(self, names: list[str]) -> NDArray[np.uint32]:
+        return np.array([self.variables[n].valueReference for n in names], dtype=np.uint32)
+
+    def _arguments(self, references: NDArray[np.uint32], values: NDArray[Any]) -> tuple[Any, ...]:
+        """Component, references, count and values as the library takes them; both arrays must be kept alive."""
+        return self.component, references.ctypes.data, len(references), values.ctypes.data
 
     def close(self) -> None:
         """Terminates and frees the instance."""
         try:
             self._fmu.terminate()
         except Exception:
-            self._reason = ""
+            self.reason = ""
         self._fmu.freeInstance()
 
     def __enter__(self) -> "UnitInstance":

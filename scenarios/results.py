@@ -1,7 +1,8 @@
-"""What a run leaves on disk: results.csv and summary.json, each whole or not at all."""
+"""What a run leaves on disk: results.csv, or other formats, and summary.json, each whole or not at all."""
 
 import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,29 @@ import numpy as np
 from plant.archive import write_whole
 from plant.errors import InputError
 from scenarios.cosimulation import Recording
+from scenarios.formats import FORMATS, Format, write_mat, write_parquet
 
 
-def write_results(folder: Path, recording: Recording, summary: dict[str, Any]) -> None:
-    """results.csv (RFC 4180, shortest digits that give the same double) and summary.json."""
+def write_results(folder: Path, recording: Recording, summary: dict[str, Any],
+                  formats: Sequence[Format] = ("csv",)) -> None:
+    """results.<format> for each format, and summary.json; an earlier run's results in other formats go."""
+    summary = _plain(summary)
+    writers = {"csv": write_csv, "parquet": write_parquet, "mat": write_mat}
+    for kind in FORMATS:
+        path = folder / f"results.{kind}"
+        if kind in formats:
+            writers[kind](path, recording, summary)
+        else:
+            path.unlink(missing_ok=True)
+    write_whole(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
+
+
+def write_csv(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
+    """RFC 4180, with the shortest digits that give the same double."""
     lines = [",".join(["time", *(f'"{c}"' if "," in c else c for c in recording.columns)])]
     for time, row in zip(recording.time.tolist(), recording.values.tolist(), strict=True):
         lines.append(",".join(map(repr, [time, *row])))
-    write_whole(folder / "results.csv", ("\n".join(lines) + "\n").encode())
-    write_whole(folder / "summary.json", (json.dumps(_plain(summary), indent=2) + "\n").encode())
+    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 def read_results(path: Path) -> Recording:

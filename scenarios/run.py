@@ -1,7 +1,7 @@
 """One run from a scenario to its files: design, units, co-simulation, checks, figures."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,19 @@ from fmpy import read_model_description
 
 from controller.design import Design, DesignOptions, compute_design
 from fmus.build import Backend, ensure_units
+from plant.basis import Array
 from plant.errors import InputError, suggestion
-from plant.galerkin import BasisName
+from plant.galerkin import BasisName, BeamModel
 from plant.structure import Structure, find_structure, read_structure
-from scenarios.cosimulation import CoSimulation, Planner, Recording
+from scenarios.cosimulation import CoSimulation, Plan, Planner, Recording
+from scenarios.formats import Format
+from scenarios.frames import plan_frames
 from scenarios.instance import UnitInstance, element_names
 from scenarios.metrics import Measurement, Outcome, standard_metrics
 from scenarios.results import write_results
-from scenarios.schema import Coupling, Scenario, find_scenario, read_scenario
+from scenarios.schema import Coupling, Scenario, Value, find_scenario, first_comment, read_scenario
+from scenarios.signals import require_sampled
+from scenarios.stepping import NativeStepper, Stepper, Wiring, stepper_library
 
 BUILD_FOLDER = Path("build/fmus")
 
@@ -28,13 +33,17 @@ BUILD_FOLDER = Path("build/fmus")
 class Settings:
     """What the command line changes of a scenario; None keeps what the scenario says."""
 
-    backend: Backend = "python"
+    backend: Backend = "native"
+    compiler: str = "zig"
+    speed: float | None = None       # simulated seconds a second of the wall clock; None: as fast as it goes
     coupling: Coupling | None = None
     basis: BasisName | None = None
     structure: str | None = None
     stop_time: float | None = None
-    values: dict[str, float | bool] = field(default_factory=dict)   # <instance>.<variable> to value
+    values: dict[str, Value] = field(default_factory=dict)   # <instance>.<variable>, or array, to value
+    decimate: int = 1                # every which step is recorded
     build_folder: Path = BUILD_FOLDER
+    frames: bool = True              # shapes for the animation are recorded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +57,8 @@ class Run:
     open_loop: Recording | None      # of the scenario that this one is compared with
     outcomes: list[Outcome]
     summary: dict[str, Any]
+    settings: Settings
+    about: str                       # what the scenario shows, its first comment
 
     @property
     def passed(self) -> bool:
@@ -56,25 +67,33 @@ class Run:
 
 
 def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None] = lambda text: None,
-                 progress: Callable[[int, int], None] = lambda done, steps: None) -> Run:
+                 progress: Callable[[int, int], None] = lambda done, steps: None,
+                 designs: Sequence[Design] = ()) -> Run:
     """Runs a shipped scenario or a file; raises FlexbeamsError where it cannot start.
 
-    `report` gets notes in one line each; `progress` gets steps done and steps in all.
+    `report` gets notes in one line each; `progress` gets steps done and steps in all. `designs` are finished ones
+    to take where they fit.
     """
     path = find_scenario(name)
-    scenario, design = prepare(path, settings)
+    scenario, design = prepare(path, settings, designs)
     open_loop = None
     if scenario.open_loop is not None:
         report(f"running {scenario.open_loop} to compare with")
         others = {key: value for key, value in settings.values.items() if key.startswith("plant.")}
-        open_loop = run_scenario(scenario.open_loop, replace(settings, values=others), report=report).recording
+        open_loop = run_scenario(scenario.open_loop, replace(settings, values=others, frames=False, speed=None),
+                                 report=report, progress=progress, designs=[design]).recording
+        if open_loop.interrupted:
+            raise KeyboardInterrupt
+        if open_loop.failure is not None:
+            raise open_loop.failure
     recording = co_simulate(path, scenario, design, settings, report, progress)
     outcomes = Measurement(scenario, str(path), recording, open_loop).outcomes() if recording.complete else []
     return Run(name=path.stem, scenario=scenario, design=design, recording=recording, open_loop=open_loop,
-               outcomes=outcomes, summary=_summary(path.stem, scenario, design, settings, recording, outcomes))
+               outcomes=outcomes, summary=_summary(path.stem, scenario, design, settings, recording, outcomes),
+               settings=settings, about=first_comment(path))
 
 
-def prepare(path: Path, settings: Settings) -> tuple[Scenario, Design]:
+def prepare(path: Path, settings: Settings, designs: Sequence[Design] = ()) -> tuple[Scenario, Design]:
     """The scenario with the settings applied, and its design; targets out of reach are refused here."""
     scenario = read_scenario(path)
     if settings.coupling:
@@ -89,7 +108,8 @@ def prepare(path: Path, settings: Settings) -> tuple[Scenario, Design]:
     except InputError as error:
         raise error.at("--structure" if settings.structure else source) from None
     structure = read_structure(structure_path)
-    design = compute_design(structure, scenario.design)
+    fitting = (d for d in designs if d.structure == structure and d.options == scenario.design)
+    design = next(fitting, None) or compute_design(structure, scenario.design)
     _check_targets(scenario, structure, design, source)
     return scenario, design
 
@@ -127,6 +147,11 @@ def co_simulate(path: Path, scenario: Scenario, design: Design, settings: Settin
     if steps < 1 or abs(steps * step - scenario.stop_time) > 1e-6 * step:
         raise InputError("stop_time", f"must be a whole number of steps of {step:g} s", scenario.stop_time,
                          source="--stop-time" if settings.stop_time else str(path))
+    for k, drive in enumerate(scenario.input, 1):
+        try:
+            require_sampled(drive, step)
+        except InputError as error:
+            raise error.at(str(path), f"input[{k}].") from None
     files = unit_files(path, scenario, design, settings, report)
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         instances: dict[str, UnitInstance] = {}
@@ -139,37 +164,52 @@ def co_simulate(path: Path, scenario: Scenario, design: Design, settings: Settin
                                      source=str(path))
                 instances[name] = UnitInstance(name, Path(unzipped), description, report)
             _require_one_design(instances, str(path))
-            plan = Planner(scenario, instances, str(path)).plan()
-            for name, values in start_values(scenario, instances, settings, str(path)).items():
+            starts = start_values(scenario, instances, settings, str(path))
+            plan = Planner(scenario, instances, str(path), starts).plan()
+            _require_open(plan, settings)
+            if settings.frames:
+                plan.frames = plan_frames(instances, plan.sources, plan.inputs)
+            for name, values in starts.items():
                 for variable, value in values.items():
                     instances[name].set_start(variable, value)
-            simulation = CoSimulation(instances, plan, step)
+            simulation = CoSimulation(instances, plan, step, scenario.coupling, _stepper(instances, settings, steps))
             simulation.initialise(scenario.stop_time)
-            return simulation.run(steps, scenario.coupling, lambda done: progress(done, steps))
+            return simulation.run(steps, lambda done: progress(done, steps), settings.decimate)
         finally:
             for instance in instances.values():
                 instance.close()
 
 
+def _stepper(instances: Mapping[str, UnitInstance], settings: Settings,
+             steps: int) -> Callable[[Mapping[str, UnitInstance], Wiring], Stepper] | None:
+    """The loop in C where every unit is C; None stands for the one in Python."""
+    if any(i.description.coSimulation.needsExecutionTool for i in instances.values()):
+        if settings.speed is not None:
+            raise InputError("--real-time", "needs native units")
+        return None
+    library = stepper_library(settings.build_folder, settings.compiler)
+    pace = None if settings.speed is None else 1 / settings.speed
+    return lambda connected, wiring: NativeStepper(connected, wiring, library, pace, steps)
+
+
 def unit_files(path: Path, scenario: Scenario, design: Design, settings: Settings,
                report: Callable[[str], None]) -> dict[str, Path]:
     """The FMU of every instance, in the order of the scenario; missing ones are built."""
-    files: dict[str, Path] = {}
+    given: dict[str, Path] = {}
+    wanted: dict[str, tuple[str, BeamModel]] = {}
     for name, instance in scenario.instance.items():
-        if instance.fmu is not None:
-            file = path.parent / instance.fmu
-            if not file.is_file():
-                raise InputError(f"instance.{name}.fmu", "must be a file", str(file), source=str(path))
-            files[name] = file
+        if instance.unit is None:
+            given[name] = path.parent / str(instance.fmu)
+            if not given[name].is_file():
+                raise InputError(f"instance.{name}.fmu", "must be a file", str(given[name]), source=str(path))
             continue
-        assert instance.unit is not None
-        basis = None if settings.basis else instance.basis
         try:
-            model = design.model(basis, instance.order)
+            wanted[name] = instance.unit, design.model(None if settings.basis else instance.basis, instance.order)
         except ValueError as error:
             raise InputError(f"instance.{name}", str(error), source=str(path)) from None
-        files[name] = ensure_units([instance.unit], design, model, settings.build_folder, report)[instance.unit]
-    return files
+    built = ensure_units(wanted, design, settings.build_folder, report, backend=settings.backend,
+                         compiler=settings.compiler)
+    return {name: given.get(name) or built[name] for name in scenario.instance}
 
 
 def _require_one_design(instances: dict[str, UnitInstance], source: str) -> None:
@@ -200,6 +240,17 @@ def start_values(scenario: Scenario, instances: dict[str, UnitInstance], setting
     return values
 
 
+def _require_open(plan: Plan, settings: Settings) -> None:
+    """InputError for a --set of an input that a connection or a signal drives: it would never be seen."""
+    external = {place for span, signal in plan.external if isinstance(signal, float)
+                for place in range(span.start, span.stop)}
+    for key in settings.values:
+        owner, _, variable = key.removesuffix("[]").partition(".")
+        driven = [n for n, place in plan.inputs[owner] if place not in external]
+        if any(n == variable or n.startswith(f"{variable}[") for n in driven):
+            raise InputError("--set", "must not set an input that the scenario drives", key)
+
+
 def _spread(where: str, key: str, value: Any, variables: dict[str, Any], source: str) -> list[tuple[str, Any]]:
     """A value for a scalar, an array (name) or all numbers of a family (name with []), as pairs by scalar."""
     if "[]" in key:
@@ -226,27 +277,50 @@ def _spread(where: str, key: str, value: Any, variables: dict[str, Any], source:
 
 def _summary(name: str, scenario: Scenario, design: Design, settings: Settings, recording: Recording,
              outcomes: list[Outcome]) -> dict[str, Any]:
-    steps = len(recording.time) - 1
-    simulated = float(recording.time[-1]) if len(recording.time) else 0.0
+    simulated = float(recording.time[-1])
     summary: dict[str, Any] = {
         "scenario": name, "title": scenario.title, "design_id": design.design_id, "coupling": scenario.coupling,
         "backend": settings.backend, "complete": recording.complete,
+        "decimate": recording.decimate, "set": settings.values,
         "checks": [o.record() for o in outcomes],
         "metrics": {**{o.name: o.value for o in outcomes}, **standard_metrics(recording)},
-        "timing": {"steps": steps, "wall_s": recording.wall,
+        "timing": {"steps": recording.steps, "wall_s": recording.wall,
                    "real_time_factor": simulated / recording.wall if recording.wall else None},
     }
+    if recording.lateness is not None and settings.speed is not None and recording.steps > 1:
+        period = simulated / recording.steps / settings.speed
+        summary["timing"]["lateness"] = lateness_figures(recording.lateness, period)
     if recording.failure is not None:
         summary["error"] = str(recording.failure)
     return summary
 
 
-def write_run(run: Run, folder: Path, figures: bool = True) -> None:
-    """results.csv, summary.json and the scenario's figures."""
-    write_results(folder, run.recording, run.summary)
+def lateness_figures(lateness: Array, period: float) -> dict[str, float]:
+    """How a paced run kept to the clock: seconds late at the start of a step, and steps late by more than `period` (s).
+
+    `rate_error` is how much longer than asked the run took from its first step to its last, relative.
+    """
+    quantiles = np.quantile(lateness, [0.5, 0.99, 0.9999])
+    return {"median": float(quantiles[0]), "p99": float(quantiles[1]), "p99.99": float(quantiles[2]),
+            "max": float(lateness.max()), "overruns": int(np.count_nonzero(lateness > period)),
+            "rate_error": float(lateness[-1] - lateness[0]) / (period * (len(lateness) - 1))}
+
+
+def write_run(run: Run, folder: Path, figures: bool = True, report: bool = True,
+              formats: Sequence[Format] = ("csv",)) -> None:
+    """results.csv (or other formats), summary.json, the scenario's figures and report.html.
+
+    A report, or results in other formats, of an earlier run go.
+    """
+    (folder / "report.html").unlink(missing_ok=True)
+    write_results(folder, run.recording, run.summary, formats)
     if figures and run.recording.complete:
         from scenarios.figures import draw_figures
 
         draw_figures(run.scenario, run.recording, folder, run.open_loop)
+    if report and run.recording.complete:
+        from scenarios.report import write_report
+
+        write_report(run, folder)
 
 

@@ -18,6 +18,7 @@ Coupling = Literal["jacobi", "gauss-seidel"]
 Value = Finite | bool | list[Finite]
 Measure = Literal["largest", "end_deviation", "largest_change", "overshoot", "overshoot_percent", "settling_time",
                   "motion_settling_time", "decay_time", "decay_ratio", "open_loop_peak"]
+SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targets")   # of an input
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
@@ -72,6 +73,52 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Chirp:
+    """A sine whose frequency runs from one value to another, zero before and after.
+
+    linear: f = f_0 + (f_1 - f_0) tau / T; logarithmic: f = f_0 (f_1 / f_0)^(tau / T); tau from `time`, T the duration.
+    """
+
+    time: NonNegative                         # s
+    duration: Positive                        # s
+    amplitude: Finite | list[Finite]          # unit of the input
+    start_frequency: NonNegative              # Hz
+    stop_frequency: NonNegative               # Hz
+    sweep: Literal["linear", "logarithmic"] = "linear"
+
+    def __post_init__(self) -> None:
+        for key in ("start_frequency", "stop_frequency"):
+            if self.sweep == "logarithmic" and getattr(self, key) == 0:
+                raise InputError(key, "must be finite and > 0 for a logarithmic sweep", getattr(self, key))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class PseudoRandom:
+    """Levels that each hold for `hold`, the same in every run; zero before `time` and after the duration.
+
+    binary: +-amplitude by a maximum-length sequence, which repeats after 2^register - 1 levels; levels: uniformly
+    distributed within +-amplitude. An amplitude for each element gives each a sequence of its own.
+    """
+
+    time: NonNegative = 0.0                   # s
+    duration: Positive | None = None          # s, default: to the end of the run
+    amplitude: Finite | list[Finite]          # unit of the input
+    hold: Positive                            # s
+    kind: Literal["binary", "levels"] = "binary"
+    register: Annotated[int, Field(ge=2, le=20, strict=True)] = 10   # bits of the shift register of `binary`
+    seed: Annotated[int, Field(ge=0, lt=2**63, strict=True)] = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Table:
+    """Columns of a CSV file over its first one, the time; the first and the last row hold beyond the file's ends."""
+
+    file: str                                                     # relative to the scenario's folder
+    columns: Annotated[list[str], Field(min_length=1)] | None = None  # names of the header, a[1], a[2] ... also as a
+    hold: Literal["zero", "linear"] = "zero"                      # keep each row up to the next, or join them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
 class Input:
     """What drives an input from outside: exactly one signal."""
 
@@ -79,12 +126,15 @@ class Input:
     constant: Finite | list[Finite] | None = None
     step: Step | None = None
     pulse: Pulse | None = None
+    chirp: Chirp | None = None
+    pseudo_random: PseudoRandom | None = None
+    table: Table | None = None
     targets: Annotated[list[Target], Field(min_length=1)] | None = None
 
     def __post_init__(self) -> None:
-        given = [s for s in ("constant", "step", "pulse", "targets") if getattr(self, s) is not None]
+        given = [s for s in SIGNALS if getattr(self, s) is not None]
         if len(given) != 1:
-            raise InputError("", "must have exactly one of constant, step, pulse and targets",
+            raise InputError("", f"must have exactly one of {', '.join(SIGNALS[:-1])} and {SIGNALS[-1]}",
                              ", ".join(given) or "none")
         times = [t.time for t in self.targets or []]
         if sorted(set(times)) != times:

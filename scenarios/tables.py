@@ -1,6 +1,6 @@
 """Tables for the terminal: a design's figures, a run's checks."""
 
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,53 +8,61 @@ from rich.console import Console
 from rich.table import Table
 
 from controller.design import Design
-from scenarios.metrics import Outcome
-from scenarios.run import Run
-
-_SCALES = {"m": ("mm", 1e3), "s": ("s", 1.0), "V": ("V", 1.0), "%": ("%", 1.0), "": ("", 1.0)}
+from scenarios.display import limits, number
+from scenarios.jobs import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished
 
 
-def console() -> Console:
-    """Standard output; 100 columns where it is not a terminal."""
+def console(width: int = 100) -> Console:
+    """Standard output; of the width given where it is not a terminal."""
     out = Console(highlight=False)
-    return out if out.is_terminal else Console(highlight=False, width=100)
+    return out if out.is_terminal else Console(highlight=False, width=width)
 
 
-def _number(value: float | str | None, unit: str) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, str):
-        return value
-    shown, factor = _SCALES.get(unit, (unit, 1.0))
-    return f"{value * factor:.4g} {shown}".strip()
-
-
-def _limit(outcome: Outcome) -> str:
-    low, high = (_number(v, outcome.unit) for v in (outcome.minimum, outcome.maximum))
-    if low and high:
-        return f"{low} ... {high}"
-    return f"<= {high}" if high else f">= {low}" if low else ""
-
-
-def show_checks(run: Run, folder: Path) -> None:
+def show_checks(finished: Finished) -> None:
     """Each check beside the paper's figure, and where the results are."""
     out = console()
-    title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
-    table = Table(title=title, title_justify="left", title_style="bold")
+    if finished.title:
+        out.print(finished.title, style="bold", soft_wrap=True)
+    table = Table()
     table.add_column("check")
     for heading in ("measured", "limit", "paper"):
         table.add_column(heading, justify="right")
     table.add_column("")
-    for o in run.outcomes:
+    for o in finished.outcomes:
         limited = o.minimum is not None or o.maximum is not None
         verdict = "" if not limited else "[green]ok[/]" if o.passed else "[red bold]FAILED[/]"
-        table.add_row(o.name, _number(o.value, o.unit), _limit(o), _number(o.paper, o.unit), verdict)
-    if run.outcomes:
+        table.add_row(o.name, number(o.value, o.unit), limits(o.minimum, o.maximum, o.unit),
+                      number(o.paper, o.unit), verdict)
+    if finished.outcomes:
         out.print(table)
-    timing = run.summary["timing"]
-    factor = timing["real_time_factor"]
-    out.print(f"{timing['steps']} steps in {timing['wall_s']:.2f} s"
-              + (f", {factor:.1f} times real time" if factor else "") + f"; results in {folder}", soft_wrap=True)
+    if finished.timing is not None:
+        out.print(f"{finished.timing['steps']} steps in {finished.timing['wall_s']:.2f} s"
+                  + (f", {finished.factor} times real time" if finished.factor else "")
+                  + f"; results in {finished.folder}", soft_wrap=True)
+        if late := finished.timing.get("lateness"):
+            shown = {key: f"{1e6 * late[key]:.0f} µs" for key in ("median", "p99", "p99.99", "max")}
+            out.print(f"late at the start of a step: median {shown['median']}, 99 % {shown['p99']}, 99.99 % "
+                      f"{shown['p99.99']}, largest {shown['max']}; "
+                      f"{late['overruns']} steps late by more than a step; rate error {late['rate_error']:.1e}",
+                      soft_wrap=True)
+
+
+def show_overview(runs: Sequence[Finished]) -> None:
+    """A line for each of several runs."""
+    table = Table()
+    table.add_column("scenario")
+    for heading in ("checks held", "failed", "times real time"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    table.add_column("results", overflow="fold")
+    words = {DONE: "[green]ok[/]", CHECK_FAILED: "[red bold]FAILED[/]", FAILED: "[red bold]ERROR[/]",
+             INTERRUPTED: "[yellow]interrupted[/]"}
+    for run in runs:
+        complete = run.status in (DONE, CHECK_FAILED)
+        table.add_row(run.name, str(len(run.outcomes) - run.failed) if complete else "",
+                      str(run.failed) if complete else "", run.factor, words[run.status],
+                      str(run.folder) if run.folder else "none")
+    console(width=300).print(table)
 
 
 def show_design(design: Design) -> None:

@@ -26,11 +26,18 @@ static motion motion_of(const unit *unit)
                     .steps = durations + SLOTS};
 }
 
-/* Workspace: derivatives of the flat output (degree + 1, voltages), of one transition (degree + 1,) and scratch. */
+/* Workspace: derivatives of the flat output (degree + 1, voltages), of one transition (terms + 1,) and scratch. */
+static double *scratch_of(const unit *unit)
+{
+    const size_t degree = feedforward.degree;
+    return unit->workspace + (degree + 1) * feedforward.voltages + transition_terms(degree) + 1;
+}
+
 size_t unit_workspace_size(void)
 {
-    const size_t outputs = feedforward.states + 2 * feedforward.voltages, scratch = 2 * feedforward.degree;
-    return (feedforward.degree + 1) * (feedforward.voltages + 1) + (outputs > scratch ? outputs : scratch);
+    const size_t degree = feedforward.degree, terms = transition_terms(degree), voltages = feedforward.voltages;
+    const size_t outputs = feedforward.states + 3 * voltages;
+    return (degree + 1) * voltages + terms + 1 + (outputs > 2 * terms ? outputs : 2 * terms);
 }
 
 /* Transitions that have ended go into the offset; the others move up, in their order. */
@@ -65,7 +72,7 @@ static void differentiate(unit *unit, double time)
     memcpy(xi, motion.offset, voltages * sizeof *xi);
     for (size_t k = 0; k < motion.count; k++) {
         const double tau = fmin(fmax((time - motion.starts[k]) / motion.durations[k], 0.0), 1.0);
-        transition_series(tau, degree, theta, theta + degree + 1);
+        transition_series(tau, degree, theta, scratch_of(unit));
         double scale = 1.0;  /* i! / T^i */
         for (size_t i = 0; i <= degree; i++) {
             const double derivative = theta[i] * scale;
@@ -76,7 +83,7 @@ static void differentiate(unit *unit, double time)
     }
 }
 
-/* Voltages, reference states and outputs at `time`. At rest the flat output's derivatives are zero. */
+/* Voltages, reference states and outputs at `time`. */
 static void evaluate(unit *unit, double time)
 {
     const size_t voltages = feedforward.voltages, states = feedforward.states, degree = feedforward.degree;
@@ -86,12 +93,12 @@ static void evaluate(unit *unit, double time)
     double *const u = unit->values + feedforward.u_ff, *const x = unit->values + feedforward.x_ref;
     for (size_t j = 0; j < voltages; j++) {
         double sum = 0.0;
-        for (size_t i = 0; i <= (moving ? degree : 0); i++)
+        for (size_t i = 0; i <= degree; i++)
             sum += input_series[i] * xi[i * voltages + j];
         u[j] = sum;
     }
     multiply_panels(states, degree * voltages, state_series, xi, false, x);
-    double *const both = unit->workspace + (degree + 1) * (voltages + 1);
+    double *const both = scratch_of(unit);
     memcpy(both, x, states * sizeof *both);
     memcpy(both + states, u, voltages * sizeof *both);
     multiply_panels(feedforward.points, states + voltages, reference_outputs, both, false,
@@ -114,7 +121,7 @@ static void start_transition(unit *unit, double time)
         change[j] -= motion.offset[j] + sum;
     }
     const double wanted = values[feedforward.transition_time], limit = values[feedforward.voltage_limit];
-    const plan plan = plan_transition(&motion, time, change, wanted, limit);
+    const plan plan = plan_transition(&motion, time, change, wanted, limit, scratch_of(unit));
     memcpy(handled_target(unit), target, feedforward.points * sizeof *target);
     const bool refused = !(plan.duration > 0.0);
     values[feedforward.target_refused] = refused;
@@ -151,14 +158,18 @@ bool unit_initialise(unit *unit)
     return true;
 }
 
-/* A changed target starts a transition at `time`; outputs are those of time + step + preview. */
+/* A changed target starts a transition at `time`; outputs are those of time + step + preview. At rest they stay. */
 bool unit_advance(unit *unit, double time, double step)
 {
-    const bool changed = memcmp(unit->values + feedforward.y_target, handled_target(unit),
-                                feedforward.points * sizeof(double)) != 0;
+    const double *const target = unit->values + feedforward.y_target, *const handled = handled_target(unit);
+    bool changed = false;
+    for (size_t k = 0; k < feedforward.points; k++)
+        changed = changed || target[k] != handled[k];
     if (changed && unit->state[0] < SLOTS)
         start_transition(unit, time);
-    evaluate(unit, time + step + unit->values[feedforward.preview]);
+    const bool rests = unit->state[0] == 0.0 && unit->values[feedforward.moving] == 0.0;
+    if (!rests)
+        evaluate(unit, time + step + unit->values[feedforward.preview]);
     return true;
 }
 

@@ -12,6 +12,7 @@
 #define reference_outputs fmi2FullName(reference_outputs)
 #define transition_table fmi2FullName(transition_table)
 #define shape_times fmi2FullName(shape_times)
+#define shape_places fmi2FullName(shape_places)
 #define shape_values fmi2FullName(shape_values)
 
 typedef struct {
@@ -19,7 +20,7 @@ typedef struct {
     size_t degree;              /* highest derivative of the flat output */
     double exponent, norm;      /* of the transition, see transition.h */
     size_t nodes;               /* intervals of transition_table */
-    size_t shapes, places;      /* rows of shape_values, intervals of a row */
+    size_t shapes, intervals;   /* rows of shape_values, intervals of a row */
     /* value references, of an array its first */
     unsigned y_target, u_ff, x_ref, y_ref, moving, target_refused, planned_time, planned_peak, transition_time,
         voltage_limit, preview;
@@ -32,6 +33,7 @@ SHARED const double static_inverse[];     /* panels (voltages, points), V/m */
 SHARED const double reference_outputs[];  /* panels (points, states + voltages): [H_pi, D_pi] */
 SHARED const double transition_table[];   /* (nodes + 1,) */
 SHARED const double shape_times[];        /* (shapes,), s, ascending */
-SHARED const double shape_values[];       /* (shapes, places + 1) */
+SHARED const double shape_places[];       /* (intervals + 1,), from 0 to 1 */
+SHARED const double shape_values[];       /* (shapes, intervals + 1): D_u(d/dt) Theta there */
 
 #endif

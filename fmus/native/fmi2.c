@@ -8,7 +8,9 @@
 
 #define LONGEST_STEP 1e7  /* sample times; a longer step would keep a sampled unit busy for minutes */
 
-enum { ALL = ~0u, FAULTS = 1u << fmi2Warning | 1u << fmi2Discard | 1u << fmi2Error | 1u << fmi2Fatal };
+/* Statuses whose lines are logged, as bits. */
+static const unsigned nothing = 0, faults = 1u << fmi2Warning | 1u << fmi2Discard | 1u << fmi2Error | 1u << fmi2Fatal,
+                      everything = ~0u;
 
 const char *fmi2GetTypesPlatform(void)
 {
@@ -67,7 +69,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     }
     instance->function = "fmi2Instantiate";
     instance->callbacks = *functions;
-    instance->logged = logging_on ? ALL : FAULTS;
+    instance->logged = logging_on ? everything : faults;
     double *const memory = instance->memory;
     instance->unit.values = memory;
     instance->unit.state = memory + 2 * unit_variable_count;
@@ -109,7 +111,7 @@ fmi2Status fmi2SetDebugLogging(fmi2Component component, fmi2Boolean on, size_t c
         return fmi2Error;
     if (count > 0 && categories == NULL)
         return decline(instance, "categories must not be NULL");
-    unsigned named = count > 0 ? 0 : ALL;
+    unsigned named = count > 0 ? nothing : everything;
     for (size_t k = 0; k < count; k++) {
         const unsigned found = categories[k] == NULL ? 0 : statuses(categories[k]);
         if (found == 0)
@@ -117,7 +119,7 @@ fmi2Status fmi2SetDebugLogging(fmi2Component component, fmi2Boolean on, size_t c
                            categories[k] == NULL ? "NULL" : categories[k]);
         named |= found;
     }
-    instance->logged = on ? named : count > 0 ? instance->logged & ~named : 0;
+    instance->logged = on ? named : count > 0 ? instance->logged & ~named : nothing;
     return fmi2OK;
 }
 

@@ -17,7 +17,7 @@ instance *entered(fmi2Component component, const char *function)
     return instance;
 }
 
-/* One line, which starts with the FMI function's name. */
+/* One line; that of a refusal starts with the FMI function's name. */
 static void say(instance *instance, fmi2Status status, const char *text)
 {
     static const char categories[][20] = {
@@ -28,7 +28,7 @@ static void say(instance *instance, fmi2Status status, const char *text)
         return;
     char line[TEXT_SIZE + 40];
     line[0] = '\0';
-    if (strncmp(text, instance->function, strlen(instance->function)) != 0) {
+    if (status >= fmi2Discard && strncmp(text, instance->function, strlen(instance->function)) != 0) {
         strcpy(line, instance->function);
         strcat(line, ": ");
     }

@@ -68,15 +68,19 @@ bool matrix_exponential(size_t n, double *A, double *workspace)
     for (size_t k = 0; k < n; k++)
         V[k * n + k] += b[0];                  /* the even powers */
 
-    for (size_t k = 0; k < size; k++) {        /* exp(A) = (V - U)^-1 (V + U) */
-        A[k] = V[k] + U[k];
+    /* Y = exp(A) - I = (V - U)^-1 2 U, and exp(2 A) - I = 2 Y + Y Y: beside I, small eigenvalues would lose digits. */
+    for (size_t k = 0; k < size; k++) {
+        A[k] = 2.0 * U[k];
         V[k] -= U[k];
     }
     if (!solve_general(n, n, V, A))
         return false;
-    for (int k = 0; k < squarings; k++) {
+    for (int square = 0; square < squarings; square++) {
         multiply_matrices(n, n, n, A, A, W);
-        memcpy(A, W, size * sizeof *A);
+        for (size_t k = 0; k < size; k++)
+            A[k] = 2.0 * A[k] + W[k];
     }
+    for (size_t k = 0; k < n; k++)
+        A[k * n + k] += 1.0;
     return true;
 }

@@ -3,7 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#define SAMPLES 129   /* places along each transition at which a plan is checked */
 #define PATIENCE 8.0  /* longest transition tried, as a multiple of the longest one tabulated or under way */
 
 /* D_u(d/dt) Theta over a transition of one duration: between two of the tabulated curves. One curve serves every input
@@ -20,56 +19,77 @@ static shape shape_of(double duration)
     while (low < last - 1 && shape_times[low + 1] <= duration)
         low++;
     const double whole = (duration - shape_times[low]) / (shape_times[low + 1] - shape_times[low]);
-    const double *const row = shape_values + low * (feedforward.places + 1);
-    return (shape){.shorter = row, .longer = row + feedforward.places + 1, .share = fmin(fmax(whole, 0.0), 1.0)};
+    const double *const row = shape_values + low * (feedforward.intervals + 1);
+    return (shape){.shorter = row, .longer = row + feedforward.intervals + 1, .share = fmin(fmax(whole, 0.0), 1.0)};
 }
 
-/* The curve at tau within [0, 1], linear between its places. */
+/* The curve at tau within [0, 1], linear between its places, which lie at (1 - cos(pi i / intervals)) / 2. */
 static double shape_at(const shape *shape, double tau)
 {
-    const double position = tau * (double)feedforward.places;
-    size_t place = (size_t)position;
-    if (place > feedforward.places - 1)
-        place = feedforward.places - 1;
+    size_t place = (size_t)(acos(1 - 2 * tau) / acos(-1.0) * (double)feedforward.intervals);
+    while (place > 0 && (place >= feedforward.intervals || shape_places[place] > tau))
+        place--;
+    while (place + 1 < feedforward.intervals && shape_places[place + 1] <= tau)
+        place++;
     const double left = (1 - shape->share) * shape->shorter[place] + shape->share * shape->longer[place];
     const double right = (1 - shape->share) * shape->shorter[place + 1] + shape->share * shape->longer[place + 1];
-    return left + (right - left) * (position - (double)place);
+    const double width = shape_places[place + 1] - shape_places[place];
+    return left + (right - left) * ((tau - shape_places[place]) / width);
 }
 
-/* Largest planned |u| at a time. */
-static double voltage_at(const motion *motion, const shape *shapes, double time)
+/* Planned voltages u (voltages,) at a time. */
+static void voltages_at(const motion *motion, const shape *shapes, double time, double *u)
 {
-    double heights[SLOTS], largest = 0.0;
+    memcpy(u, motion->offset, feedforward.voltages * sizeof *u);
     for (size_t k = 0; k < motion->count; k++) {
         const double tau = (time - motion->starts[k]) / motion->durations[k];
-        heights[k] = shape_at(&shapes[k], fmin(fmax(tau, 0.0), 1.0));
+        const double height = shape_at(&shapes[k], fmin(fmax(tau, 0.0), 1.0));
+        for (size_t j = 0; j < feedforward.voltages; j++)
+            u[j] += height * motion->steps[k * feedforward.voltages + j];
     }
-    for (size_t j = 0; j < feedforward.voltages; j++) {
-        double u = motion->offset[j];
-        for (size_t k = 0; k < motion->count; k++)
-            u += heights[k] * motion->steps[k * feedforward.voltages + j];
-        largest = fmax(largest, fabs(u));
-    }
-    return largest;
 }
 
-/* Largest planned |u| from `now` on, where each transition is sampled. */
-static double peak_of(const motion *motion, double now)
+/* Magnitude of the vertex of the parabola through three neighbours where they turn, else of the middle one. */
+static double vertex(double before, double here, double after)
 {
+    if (!((here - before) * (after - here) < 0.0))
+        return fabs(here);
+    return fabs(here - (after - before) * (after - before) / (8 * (before - 2 * here + after)));
+}
+
+/* Largest planned |u| after `now`, between the places at which each transition is sampled too. `u` (3, voltages). */
+static double peak_of(const motion *motion, double now, double *u)
+{
+    const size_t voltages = feedforward.voltages, last = motion->count - 1;
     shape shapes[SLOTS];
-    for (size_t k = 0; k < motion->count; k++)
+    for (size_t k = 0; k <= last; k++)
         shapes[k] = shape_of(motion->durations[k]);
     double peak = 0.0;
-    for (size_t k = 0; k < motion->count; k++)
-        for (size_t i = 0; i < SAMPLES; i++) {
-            const double time = motion->starts[k] + motion->durations[k] * ((double)i / (SAMPLES - 1));
-            if (time > now || k == motion->count - 1)
-                peak = fmax(peak, voltage_at(motion, shapes, time));
+    for (size_t k = 0; k <= last; k++) {
+        double *before = u, *here = u + voltages, *after = here + voltages;
+        size_t sampled = 0;
+        for (size_t i = 0; i <= feedforward.intervals; i++) {
+            const double time = motion->starts[k] + motion->durations[k] * shape_places[i];
+            if (k != last && !(time > now))
+                continue;
+            double *const oldest = before;
+            before = here;
+            here = after;
+            after = oldest;
+            voltages_at(motion, shapes, time, after);
+            sampled++;
+            for (size_t j = 0; j < voltages; j++) {
+                peak = fmax(peak, fabs(after[j]));
+                if (sampled >= 3)
+                    peak = fmax(peak, vertex(before[j], here[j], after[j]));
+            }
         }
+    }
     return peak;
 }
 
-plan plan_transition(const motion *motion_now, double now, const double *step, double wanted, double limit)
+plan plan_transition(const motion *motion_now, double now, const double *step, double wanted, double limit,
+                     double *scratch)
 {
     const size_t voltages = feedforward.voltages, slot = motion_now->count;
     double at_rest = 0.0;
@@ -94,7 +114,7 @@ plan plan_transition(const motion *motion_now, double now, const double *step, d
     const double growth = shape_times[1] / shape_times[0];
     for (double duration = fmax(wanted, shape_times[0]); duration <= longest * PATIENCE; duration *= growth) {
         extended.durations[slot] = duration;
-        plan.peak = peak_of(&extended, now);
+        plan.peak = peak_of(&extended, now, scratch);
         if (plan.peak <= tolerated) {
             plan.duration = duration;
             break;

@@ -27,7 +27,9 @@ typedef struct {
 } plan;
 
 /* The shortest transition from `now` of at least `wanted` s that keeps the whole motion within +-limit (V). `step`
-   (voltages,) is the change of the flat output; start, duration and step stand in the motion's next slot afterwards. */
-SHARED plan plan_transition(const motion *motion, double now, const double *step, double wanted, double limit);
+   (voltages,) is the change of the flat output; start, duration and step stand in the motion's next slot afterwards. `scratch`
+   (3 voltages,). */
+SHARED plan plan_transition(const motion *motion, double now, const double *step, double wanted, double limit,
+                            double *scratch);
 
 #endif

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define NUMBER_SIZE 40
+#define NUMBER_SIZE 96
 
 /* Put a point where the locale has its own sign. */
 static void use_point(char *number)

@@ -17,10 +17,10 @@ size_t unit_state_size(void)
     return controller.voltages + 2;
 }
 
-/* A vector of states, voltages and gauges; then two of voltages and one of points. */
+/* A vector of states, voltages and gauges, then two of voltages. */
 size_t unit_workspace_size(void)
 {
-    return controller.states + controller.gauges + 3 * controller.voltages + controller.points;
+    return controller.states + controller.gauges + 3 * controller.voltages;
 }
 
 /* u = wanted within the limit, y_est = H_pi x_est + D_pi u. */
@@ -71,24 +71,20 @@ static void control(unit *unit)
     const double *const x_ref = unit->values + controller.x_ref, *const x_est = unit->values + controller.x_est;
     const double *const u_ff = unit->values + controller.u_ff, *const u = unit->values + controller.u;
     double *const integral = integral_of(unit);
-    double *const error = unit->workspace;
-    double *const wanted = unit->workspace + states + voltages + controller.gauges;
-    double *const growth = wanted + voltages, *const deviation = growth + voltages;
+    double *const error = unit->workspace, *const wanted = error + states + voltages + controller.gauges;
+    double *const growth = wanted + voltages;
     for (size_t k = 0; k < states; k++)
         error[k] = x_ref[k] - x_est[k];
     for (size_t k = 0; k < voltages; k++)
         error[states + k] = u_ff[k] - u[k];
-    multiply_panels(voltages, states, controller_feedback, error, false, wanted);
-    for (size_t k = 0; k < voltages; k++)
-        wanted[k] = u_ff[k] + wanted[k] + integral[k];
-    multiply_panels(controller.points, states + voltages, controller_estimates, error, false, deviation);
-    multiply_panels(voltages, controller.points, controller_integrator, deviation, false, growth);
+    multiply_panels(2 * voltages, states + voltages, controller_regulator, error, false, wanted);
     const double gain = unit->values[controller.integral_gain], limit = unit->values[controller.voltage_limit];
     for (size_t k = 0; k < voltages; k++) {
-        const double share = gain * growth[k];
-        const bool winding_up = fabs(wanted[k]) > limit && wanted[k] * share > 0;
+        wanted[k] = u_ff[k] + wanted[k] + integral[k];
+        growth[k] *= gain;
+        const bool winding_up = fabs(wanted[k]) > limit && wanted[k] * growth[k] > 0;
         if (!winding_up)
-            integral[k] += share;
+            integral[k] += growth[k];
     }
     put_out(unit, wanted);
 }

@@ -7,9 +7,8 @@
 
 #define controller fmi2FullName(controller)
 #define controller_filter fmi2FullName(controller_filter)
-#define controller_feedback fmi2FullName(controller_feedback)
+#define controller_regulator fmi2FullName(controller_regulator)
 #define controller_estimates fmi2FullName(controller_estimates)
-#define controller_integrator fmi2FullName(controller_integrator)
 
 typedef struct {
     size_t states, voltages, points, gauges;
@@ -21,9 +20,8 @@ typedef struct {
 SHARED const controller_table controller;
 
 /* In panels: see linear_algebra.h. */
-SHARED const double controller_filter[];      /* [A_d - L H_pm, B_d - L D_pm, L] (states, states + voltages + gauges) */
-SHARED const double controller_feedback[];    /* K (voltages, states) */
-SHARED const double controller_estimates[];   /* [H_pi, D_pi] (points, states + voltages) */
-SHARED const double controller_integrator[];  /* (voltages, points), V/m */
+SHARED const double controller_filter[];     /* [A_d - L H_pm, B_d - L D_pm, L] (states, states + voltages + gauges) */
+SHARED const double controller_regulator[];  /* [K, 0; G_0^+ H_pi, G_0^+ D_pi] (2 voltages, states + voltages) */
+SHARED const double controller_estimates[];  /* [H_pi, D_pi] (points, states + voltages) */
 
 #endif

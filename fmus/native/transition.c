@@ -3,31 +3,36 @@
 #include <math.h>
 #include <string.h>
 
-#define NEGLIGIBLE 600.0  /* exponent below which theta and all its derivatives vanish beside their maxima */
+#define NEGLIGIBLE 600.0  /* p^-g - 4^g beyond which theta and all its derivatives vanish beside their maxima */
+
+size_t transition_terms(size_t degree)
+{
+    return degree > LOCAL_TERMS ? degree : LOCAL_TERMS;
+}
 
 /* The coefficients of p^-g, p = tau (1 - tau), and of exp(-p^-g) follow by the recurrences of J. C. P. Miller and of
    the exponential; theta = Theta' gives all but the first. That one is the table's nearest value carried here by the
    same series. */
 void transition_series(double tau, size_t degree, double *coefficients, double *scratch)
 {
-    memset(coefficients, 0, (degree + 1) * sizeof *coefficients);
+    const size_t terms = transition_terms(degree);
+    memset(coefficients, 0, (terms + 1) * sizeof *coefficients);
     coefficients[0] = tau < 0.5 ? 0.0 : 1.0;
-    const double g = feedforward.exponent, p0 = tau * (1 - tau), p1 = 1 - 2 * tau;
-    if (!(p0 > 0.0) || pow(p0, -g) > NEGLIGIBLE)
+    const double g = feedforward.exponent, p0 = tau * (1 - tau), p1 = 1 - 2 * tau, summit = pow(4.0, g);
+    if (!(p0 > pow(summit + NEGLIGIBLE, -1 / g)))
         return;
 
-    double *const power = scratch, *const theta = scratch + degree;
+    double *const power = scratch, *const theta = scratch + terms;
     power[0] = pow(p0, -g);
-    if (degree > 1)
-        power[1] = -g * p1 * pow(p0, -g - 1);
-    for (size_t i = 2; i < degree; i++) {
+    power[1] = -g * p1 * pow(p0, -g - 1);
+    for (size_t i = 2; i < terms; i++) {
         const double k = (double)i;
         power[i] = (-(g + k - 1) * p1 * power[i - 1] + (2 * g + k - 2) * power[i - 2]) / (k * p0);
     }
-    theta[0] = exp(-power[0]) / feedforward.norm;
-    for (size_t i = 1; i < degree; i++)
+    theta[0] = exp(summit - power[0]) / feedforward.norm;
+    for (size_t i = 1; i < terms; i++)
         power[i] *= -(double)i;
-    for (size_t i = 1; i < degree; i++) {
+    for (size_t i = 1; i < terms; i++) {
         double sum = 0.0;
         for (size_t k = 1; k <= i; k++)
             sum += power[k] * theta[i - k];
@@ -36,7 +41,7 @@ void transition_series(double tau, size_t degree, double *coefficients, double *
 
     const double nodes = (double)feedforward.nodes, node = nearbyint(tau * nodes), back = node / nodes - tau;
     double carried = 0.0;
-    for (size_t i = degree; i > 0; i--) {
+    for (size_t i = terms; i > 0; i--) {
         coefficients[i] = theta[i - 1] / (double)i;
         carried = (carried + coefficients[i]) * back;
     }

@@ -72,7 +72,7 @@ class TrackingController(Unit):
     def _put_out(self, wanted: NDArray[np.float64]) -> bool:
         """Voltages within the limit, and the deflections estimated with them; True where the limit holds one."""
         limit = self._limit[0]
-        saturated = wanted.max() > limit or wanted.min() < -limit
+        saturated = bool(wanted.max() > limit or wanted.min() < -limit)
         self._u[:] = np.clip(wanted, -limit, limit) if saturated else wanted
         self._saturated[0] = saturated
         self._y_est[:] = self._H_pi @ self._x_est + self._D_pi @ self._u

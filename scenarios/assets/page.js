@@ -1,0 +1,31 @@
+"use strict";
+// Light and dark, and the data that the page carries.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const themed = [];   // functions that draw again in the colours of the theme
+
+const palette = {};  // the colours of page.css, read once for each theme
+const colour = name => palette[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+}
+
+{
+  const root = document.documentElement;
+  const button = document.getElementById("theme");
+  const preference = matchMedia("(prefers-color-scheme: dark)");
+  let chosen = null;
+  const show = dark => {
+    root.dataset.theme = dark ? "dark" : "light";
+    button.setAttribute("aria-pressed", dark);
+    Object.keys(palette).forEach(name => delete palette[name]);
+    themed.forEach(draw => draw());
+  };
+  const current = () => chosen ?? preference.matches;
+  button.addEventListener("click", () => show(chosen = !current()));
+  preference.addEventListener("change", () => show(current()));
+  addEventListener("beforeprint", () => show(false));
+  addEventListener("afterprint", () => show(current()));
+  show(current());
+}

@@ -1,0 +1,163 @@
+// Plots with one time axis: zoom, hover and cursor are shared by all.
+
+const plots = [];
+let marked = null;   // the time at which the animation stands
+const markTime = t => {
+  marked = t;
+  plots.forEach(p => p.mark(t));
+};
+
+{
+  const group = uPlot.sync("time");
+  const first = document.getElementById("from"), last = document.getElementById("to");
+  const HEIGHT = 190, PRINTED = 215;
+  let whole = [Infinity, -Infinity], shown = null, zooming = false;
+  const short = v => String(+v.toPrecision(5));
+
+  function zoom(low, high) {
+    const span = Math.min(Math.max(high - low, 1e-4), whole[1] - whole[0]);
+    low = Math.min(Math.max(low, whole[0]), whole[1] - span);
+    shown = [low, low + span];
+    zooming = true;
+    plots.forEach(p => p.chart.setScale("x", {min: shown[0], max: shown[1]}));
+    zooming = false;
+    [first.value, last.value] = shown.map(short);
+  }
+
+  const middle = factor => {
+    const centre = (shown[0] + shown[1]) / 2, half = (shown[1] - shown[0]) / 2 * factor;
+    zoom(centre - half, centre + half);
+  };
+  const move = share => {
+    const shift = share * (shown[1] - shown[0]);
+    zoom(shown[0] + shift, shown[1] + shift);
+  };
+  const actions = {in: () => middle(0.5), out: () => middle(2), left: () => move(-0.25), right: () => move(0.25),
+                   all: () => zoom(...whole)};
+  const keys = {ArrowLeft: "left", ArrowRight: "right", "+": "in", "=": "in", "-": "out", "0": "all", Escape: "all"};
+
+  function legend(panel, chart) {
+    const list = document.createElement("ul");
+    list.className = "curves";
+    const values = panel.curves.map((curve, k) => {
+      const item = document.createElement("li"), button = document.createElement("button");
+      const marker = document.createElement("span"), value = document.createElement("span");
+      marker.className = "marker";
+      marker.style.borderColor = `var(--curve-${curve.colour})`;
+      value.className = "value";
+      button.type = "button";
+      button.setAttribute("aria-pressed", "true");
+      button.append(marker, curve.label, value);
+      button.addEventListener("click", () => {
+        const on = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", on);
+        chart.setSeries(k + 1, {show: on});
+      });
+      item.append(button);
+      list.append(item);
+      return value;
+    });
+    return {list, values};
+  }
+
+  const read = text => Array.from(new Float32Array(bytes(text)), v => Number.isFinite(v) ? v : null);
+
+  // The empty panel; `fill` draws into it once it has its place in the page
+  function frame(panel) {
+    const box = document.createElement("div"), place = document.createElement("div");
+    const heading = document.createElement("h4"), axisName = document.createElement("small");
+    box.className = "panel";
+    place.className = "plot";
+    place.tabIndex = 0;
+    place.setAttribute("role", "img");
+    place.setAttribute("aria-label", `${panel.title}, ${panel.axis} over time: ${panel.curves.map(c => c.label).join(", ")}`);
+    axisName.textContent = panel.title.endsWith(panel.axis) ? "" : panel.axis;
+    heading.append(`${panel.title} `, axisName);
+    box.append(heading, place);
+    const time = read(panel.time);
+    whole = [Math.min(whole[0], time[0]), Math.max(whole[1], time[time.length - 1])];
+    return {box, place, panel, time};
+  }
+
+  function fill({box, place, panel, time}) {
+    const single = panel.curves.length === 1;
+    panel.curves.forEach((curve, k) => { curve.colour = single ? 2 : k % 6 + 1; });
+    const axis = {stroke: () => colour("faint"), grid: {stroke: () => colour("line"), width: 1},
+                  ticks: {stroke: () => colour("line"), width: 1}, font: "12px system-ui, sans-serif",
+                  values: (_, splits) => splits.map(v => String(+v.toPrecision(6)))};
+    let values = [];
+    const chart = new uPlot({
+      width: place.clientWidth, height: HEIGHT, legend: {show: false}, padding: [10, 10, 0, 0],
+      scales: {x: {time: false}},
+      axes: [{...axis, size: 28, space: 45}, {...axis, size: (u, texts) => 20 + 7.5 * Math.max(2, ...(texts ?? []).map(t => t.length))}],
+      cursor: {sync: {key: group.key, filters: {pub: type => type === "mousemove" || type === "mouseleave"}},
+               drag: {x: true, y: false}, points: {size: 7}},
+      series: [{}, ...panel.curves.map(curve => ({
+        label: curve.label, stroke: () => colour(`curve-${curve.colour}`) + (curve.below ? "99" : ""),
+        width: curve.below ? 3 : 1.4, spanGaps: true, points: {show: false}}))],
+      hooks: {
+        setScale: [(u, key) => { if (key === "x" && !zooming && shown) zoom(u.scales.x.min, u.scales.x.max); }],
+        setCursor: [u => values.forEach((value, k) => {
+          const row = u.cursor.idxs[k + 1], v = row == null ? null : u.data[k + 1][row];
+          value.textContent = v == null ? "" : `${short(v)} ${panel.unit}`;
+        })],
+      },
+    }, [time, ...panel.curves.map(curve => read(curve.values))], place);
+    const names = legend(panel, chart);
+    values = names.values;
+    box.append(names.list);
+
+    const now = document.createElement("div");
+    now.className = "now";
+    now.hidden = true;
+    chart.over.append(now);
+    const mark = t => {
+      now.hidden = t === null || t < chart.scales.x.min || t > chart.scales.x.max;
+      if (!now.hidden) now.style.transform = `translateX(${chart.valToPos(t, "x") - 1}px)`;
+    };
+    chart.hooks.draw = [() => mark(marked)];
+    zooming = true;
+    chart.setScale("x", {min: shown[0], max: shown[1]});
+    zooming = false;
+    place.addEventListener("keydown", event => {
+      const action = event.ctrlKey || event.metaKey || event.altKey ? undefined : keys[event.key];
+      if (action) { actions[action](); event.preventDefault(); }
+    });
+    chart.over.addEventListener("dblclick", () => actions.all());
+    const resize = width => { if (width && width !== chart.width) chart.setSize({width, height: HEIGHT}); };
+    new ResizeObserver(() => resize(place.clientWidth)).observe(place);
+    addEventListener("beforeprint", () => resize(PRINTED));
+    addEventListener("afterprint", () => resize(place.clientWidth));
+    themed.push(() => chart.redraw(false));
+    plots.push({chart, mark});
+  }
+
+  const waiting = [...document.querySelectorAll("[data-group]")].flatMap(place => {
+    const made = data.groups[place.dataset.group].panels.map(frame);
+    place.append(...made.map(f => f.box));
+    return made;
+  });
+  // One plot at a time, so that the page is there at once and answers meanwhile
+  const fillNext = () => {
+    if (waiting.length) {
+      fill(waiting.shift());
+      setTimeout(fillNext);
+    }
+  };
+  if (waiting.length) {
+    zoom(...whole);
+    setTimeout(fillNext);
+  }
+  addEventListener("beforeprint", () => waiting.splice(0).forEach(fill));
+  document.querySelectorAll("[data-zoom]").forEach(
+    button => button.addEventListener("click", actions[button.dataset.zoom]));
+  document.querySelectorAll("[data-window]").forEach(
+    button => button.addEventListener("click", () => zoom(...button.dataset.window.split(" ").map(Number))));
+  for (const input of [first, last]) {
+    input.addEventListener("change", () => {
+      const low = parseFloat(first.value), high = parseFloat(last.value);
+      if (low < high) zoom(low, high);
+      else [first.value, last.value] = shown.map(short);
+    });
+  }
+}

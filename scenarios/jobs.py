@@ -1,0 +1,74 @@
+"""A run as the command line asks for it, to its files and its verdict."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from controller.design import Design
+from scenarios.formats import Format
+from scenarios.metrics import Outcome
+from scenarios.run import Run, Settings, run_scenario, write_run
+
+DONE, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130   # exit statuses, in this order of severity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One scenario to run and where its results go."""
+
+    scenario: str                             # a shipped name or a file
+    folder: Path
+    settings: Settings
+    formats: Sequence[Format] = ("csv",)
+    figures: bool = True
+    report: bool = True
+
+    @property
+    def name(self) -> str:
+        """The scenario's name."""
+        return Path(self.scenario).stem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """What there is to say of a job when it is over; without recordings, so that it passes between processes."""
+
+    name: str
+    status: int                           # exit status
+    title: str = ""
+    folder: Path | None = None            # None: nothing was written
+    outcomes: Sequence[Outcome] = ()
+    timing: dict[str, Any] | None = None  # as in summary.json
+    message: str = ""                     # why it is not complete
+
+    @property
+    def failed(self) -> int:
+        """Checks that do not hold."""
+        return sum(not o.passed for o in self.outcomes)
+
+    @property
+    def factor(self) -> str:
+        """Simulated time by computing time, for people."""
+        value = (self.timing or {}).get("real_time_factor")
+        return f"{value:.1f}" if value else ""
+
+
+def execute(job: Job, report: Callable[[str], None], progress: Callable[[int, int], None],
+            designs: Sequence[Design] = ()) -> Finished:
+    """Runs a job in this process and writes its files; errors as of run_scenario."""
+    run = run_scenario(job.scenario, job.settings, report=report, progress=progress, designs=designs)
+    write_run(run, job.folder, job.figures, job.report, job.formats)
+    status, message = _verdict(run, job.folder)
+    title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
+    return Finished(name=job.name, status=status, title=title, folder=job.folder, outcomes=run.outcomes,
+                    timing=run.summary["timing"], message=message)
+
+
+def _verdict(run: Run, folder: Path) -> tuple[int, str]:
+    recording = run.recording
+    if recording.interrupted:
+        return INTERRUPTED, f"interrupted at {recording.time[-1]:.6g} s; what was recorded is marked incomplete"
+    if recording.failure is not None:
+        return FAILED, f"{recording.failure}; what was recorded up to then is in {folder}"
+    return (DONE if run.passed else CHECK_FAILED), ""

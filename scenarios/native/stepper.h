@@ -1,0 +1,74 @@
+/* Stepping loop of coupled FMI 2.0 co-simulation instances, in blocks of steps; the caller owns all memory. */
+#ifndef FLEXBEAMS_STEPPER_H
+#define FLEXBEAMS_STEPPER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define EXPORTED __declspec(dllexport)
+#else
+#define EXPORTED __attribute__((visibility("default")))
+#endif
+
+typedef int (*get_reals)(void *component, const unsigned int *references, size_t n, double *values);
+typedef int (*set_reals)(void *component, const unsigned int *references, size_t n, const double *values);
+typedef int (*get_integers)(void *component, const unsigned int *references, size_t n, int *values);
+typedef int (*do_step)(void *component, double time, double step, int no_restore);
+
+/* One instance: its functions, and where its variables stand among the signals. */
+typedef struct {
+    void *component;
+    get_reals get_real;
+    set_reals set_real;
+    get_integers get_integer;
+    get_integers get_boolean;
+    do_step do_step;
+    const unsigned int *written;     /* value references of the inputs */
+    const int64_t *sources;          /* signal of each input */
+    double *inputs;                  /* scratch, one value an input */
+    size_t n_written;
+    const unsigned int *read;        /* value references of the Real outputs */
+    size_t n_read;
+    const unsigned int *integers;    /* of the Integer outputs */
+    size_t n_integers;
+    const unsigned int *booleans;    /* of the Boolean outputs */
+    size_t n_booleans;
+    int *scratch;                    /* one value an Integer or Boolean output */
+    int64_t first_output;            /* first signal: Real outputs, then Integer, then Boolean ones */
+} instance;
+
+/* A run: signals are all outputs by instance, then the external ones. */
+typedef struct {
+    instance *instances;
+    size_t n_instances;
+    int gauss_seidel;                /* 0: Jacobi, all instances read the values of t_k */
+    double step;                     /* s */
+    double *signals;
+    size_t n_signals;
+    int64_t first_external;
+    const int64_t *recorded;         /* signals of a row */
+    size_t n_recorded;
+    /* how a run ended */
+    int64_t failed_instance;
+    int failed_function;             /* 0 set, 1 step, 2 get */
+    int failed_status;
+} run;
+
+/* Lateness of a paced run in s, one entry a step; NULL runs at full speed. Times are of the monotonic clock. */
+typedef struct {
+    double started;                  /* when step 0 was due */
+    double seconds_per_step;         /* of wall clock */
+    double *lateness;
+} pace;
+
+/* Steps `count` times from step number `first`, each with its row of `external` (count, n_signals - first_external).
+ * Before each step the recorded signals go to row ceil(number / every) of `rows`: rows hold every `every`-th step,
+ * and the last one holds the newest values until then. Returns the steps done. */
+EXPORTED size_t run_block(run *r, int64_t first, size_t count, const double *external, int64_t every, double *rows,
+                          const pace *paced);
+
+/* Seconds of the clock that `pace` uses. */
+EXPORTED double pace_clock(void);
+
+#endif

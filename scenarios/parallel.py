@@ -1,0 +1,191 @@
+"""Several scenarios in processes side by side, with one display and one verdict."""
+
+import multiprocessing
+import os
+import queue
+import signal
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing.queues import Queue
+from multiprocessing.synchronize import Event
+
+from controller.design import Design
+from plant.errors import FlexbeamsError
+from scenarios.jobs import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished, Job, execute
+from scenarios.progress import Display
+from scenarios.run import prepare, unit_files
+from scenarios.schema import find_scenario
+
+INTERVAL = 0.1   # s between two messages of a scenario's progress
+
+Message = tuple[int, str, object]   # number of the job; begin, note, progress or end; its content
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def prepare_all(jobs: Sequence[Job], report: Callable[[str], None]) -> list[Design]:
+    """The designs of all jobs, each once, and their units built, so that no two processes do the same work."""
+    designs: list[Design] = []
+    for job in jobs:
+        name: str | None = job.scenario
+        while name is not None:
+            path = find_scenario(name)
+            scenario, design = prepare(path, job.settings, designs)
+            if not any(design is d for d in designs):
+                designs.append(design)
+            unit_files(path, scenario, design, job.settings, report)
+            name = scenario.open_loop
+    return designs
+
+
+def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Finished]:
+    """Runs the jobs, `workers` at a time, and returns their ends in the order of the jobs.
+
+    Input that no job can run with raises FlexbeamsError before any of them starts; later failures of one leave
+    the others alone. Ctrl-C ends all at their next block of steps, a second one at once.
+    """
+    designs = prepare_all(jobs, display.note)
+    context = multiprocessing.get_context("spawn")
+    messages: "Queue[Message]" = context.Queue()
+    stop = context.Event()
+    with ProcessPoolExecutor(workers, context, _enter, (messages, stop)) as pool:
+        with _one_thread_each():
+            futures = [pool.submit(_work, number, job, designs) for number, job in enumerate(jobs)]
+        following = _Following(jobs, futures, messages, display)
+        try:
+            following.until_done()
+        except KeyboardInterrupt:
+            display.note("interrupted, ending all runs (once more: at once)")
+            stop.set()
+            following.interrupted = True
+            for future in futures:
+                future.cancel()
+            try:
+                following.until_done()
+            except KeyboardInterrupt:
+                for process in multiprocessing.active_children():
+                    process.terminate()
+                following.until_done()
+    return following.finished
+
+
+class _Following:
+    """Passes on what the workers tell, until every future is over."""
+
+    def __init__(self, jobs: Sequence[Job], futures: list[Future[Finished]], messages: "Queue[Message]",
+                 display: Display) -> None:
+        self._jobs, self._futures, self._messages, self._display = jobs, futures, messages, display
+        self.interrupted = False
+        self._ended: set[int] = set()
+        self._over: dict[int, Finished] = {}
+
+    @property
+    def finished(self) -> list[Finished]:
+        """The ends of the jobs, in their order."""
+        return [self._over[number] for number in range(len(self._jobs))]
+
+    def until_done(self) -> None:
+        """Returns when all are over and all that they told is shown."""
+        while len(self._over) < len(self._futures):
+            self._take(timeout=0.1)
+            for number, future in enumerate(self._futures):
+                lost = future.cancelled() or (future.done() and future.exception() is not None)
+                if number not in self._over and (lost or (future.done() and number in self._ended)):
+                    self._over[number] = self._result(future, self._jobs[number].name)
+                    self._display.end(self._jobs[number].name, outline(self._over[number]))
+
+    def _result(self, future: Future[Finished], name: str) -> Finished:
+        if future.cancelled():
+            return Finished(name=name, status=INTERRUPTED, message="not run")
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            if self.interrupted:
+                return Finished(name=name, status=INTERRUPTED, message="ended at once, without results")
+            return Finished(name=name, status=FAILED, message="its process, or one beside it, was ended from outside")
+
+    def _take(self, timeout: float) -> None:
+        try:
+            number, kind, content = self._messages.get(timeout=timeout)
+        except queue.Empty:
+            return
+        name = self._jobs[number].name
+        if kind == "begin":
+            self._display.begin(name)
+        elif kind == "note":
+            self._display.note(str(content), name)
+        elif kind == "progress":
+            assert isinstance(content, tuple)
+            self._display.progress(name, *content)
+        else:
+            self._ended.add(number)
+
+
+def outline(finished: Finished) -> str:
+    """A job's end in a few words."""
+    if finished.status not in (DONE, CHECK_FAILED):
+        return finished.message
+    count = len(finished.outcomes)
+    checks = f"{finished.failed} of {count} checks failed" if finished.failed else f"{count} checks hold"
+    return f"{checks if count else 'done'}, {finished.factor} times real time"
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes started inside compute with one thread: side by side, more would be in each other's way."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    added = [name for name in names if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+class _Link:
+    """A worker's way to the process that started it; the one thing that a worker holds between jobs."""
+
+    messages: "Queue[Message]"
+    stop: Event
+
+
+def _enter(messages: "Queue[Message]", stop: Event) -> None:
+    """First in each worker. Ctrl-C reaches all processes of a terminal; only the first one acts on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _Link.messages, _Link.stop = messages, stop
+
+
+def _work(number: int, job: Job, designs: Sequence[Design]) -> Finished:
+    """A job in a worker; every error that a person can mend becomes part of the result."""
+    told = 0.0
+
+    def report(text: str) -> None:
+        _Link.messages.put((number, "note", text))
+
+    def progress(done: int, steps: int) -> None:
+        nonlocal told
+        if _Link.stop.is_set():
+            raise KeyboardInterrupt
+        if clock.monotonic() - told > INTERVAL:
+            told = clock.monotonic()
+            _Link.messages.put((number, "progress", (done, steps)))
+
+    try:
+        if _Link.stop.is_set():
+            raise KeyboardInterrupt
+        _Link.messages.put((number, "begin", None))
+        return execute(job, report, progress, designs)
+    except KeyboardInterrupt:
+        return Finished(name=job.name, status=INTERRUPTED, message="interrupted before it had results")
+    except (FlexbeamsError, RuntimeError, OSError) as error:
+        return Finished(name=job.name, status=FAILED, message=str(error))
+    finally:
+        _Link.messages.put((number, "end", None))

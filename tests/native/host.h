@@ -1,0 +1,73 @@
+/* A host for the harnesses: counts what a unit logs and allocates. Compiled together with the sources of a unit. */
+
+#ifndef HOST_H
+#define HOST_H
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "unit.h"
+
+/* Stop the program, also with NDEBUG. */
+#define CHECK(condition)                                                                   \
+    do {                                                                                   \
+        if (!(condition)) {                                                                \
+            fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition);        \
+            fprintf(stderr, "last line in the log: %s\n", last_line);                      \
+            abort();                                                                       \
+        }                                                                                  \
+    } while (false)
+
+static unsigned line_count;
+static long block_count;  /* blocks that are not freed */
+static char last_line[512];
+
+static void log_line(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
+                     fmi2String message, ...)
+{
+    (void)environment;
+    (void)status;
+    line_count++;
+    snprintf(last_line, sizeof last_line, "%s %s", category, message);
+    if (*name == '\0' && strstr(message, "instanceName") == NULL)
+        abort();
+    if (strpbrk(message, "\r\n%") != NULL || strlen(message) < 10)
+        abort();
+}
+
+static void *allocate(size_t count, size_t size)
+{
+    void *const block = calloc(count, size);
+    block_count += block != NULL;
+    return block;
+}
+
+static void release(void *block)
+{
+    block_count -= block != NULL;
+    free(block);
+}
+
+static const fmi2CallbackFunctions callbacks = {
+    .logger = log_line, .allocateMemory = allocate, .freeMemory = release,
+};
+
+static inline enum type type_of(size_t reference) { return unit_kinds[reference] & TYPE_MASK; }
+static inline enum causality causality_of(size_t reference)
+{
+    return unit_kinds[reference] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
+}
+
+/* Value references of the Real variables of a causality, or of all with causality LOCAL + 1. */
+static inline size_t reals_of(enum causality causality, fmi2ValueReference *references)
+{
+    size_t count = 0;
+    for (size_t k = 0; k < unit_variable_count; k++)
+        if (type_of(k) == REAL && (causality > LOCAL || causality_of(k) == causality))
+            references[count++] = (fmi2ValueReference)k;
+    return count;
+}
+
+#endif

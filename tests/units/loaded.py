@@ -1,0 +1,89 @@
+"""An instance of one of the real units, with whole arrays set and read by name."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from fmpy import read_model_description
+from numpy.typing import NDArray
+
+from scenarios.instance import UnitInstance, element_names
+
+Real = NDArray[np.float64]
+
+
+class Loaded(UnitInstance):
+    """An instance of the FMU extracted to `folder`; what the unit logs stands in `notes`. Use it with `with`."""
+
+    def __init__(self, folder: Path, name: str = "unit") -> None:
+        self.notes: list[str] = []
+        super().__init__(name, folder, read_model_description(folder), self.notes.append)
+
+    def put(self, name: str, values: float | bool | Sequence[float] | Real) -> None:
+        """Sets a variable, or every element of an array."""
+        names = element_names(self.variables, name)
+        listed = np.broadcast_to(np.asarray(values), len(names)).tolist()
+        kind = self.variables[names[0]].type
+        self.call(f"set{kind}", [self.variables[n].valueReference for n in names],
+                  listed if kind == "Real" else [int(v) for v in listed])
+
+    def take(self, *names: str) -> Real:
+        """Values of variables and whole arrays, one after the other."""
+        return np.concatenate([self._take(name) for name in names])
+
+    def _take(self, name: str) -> Real:
+        names = element_names(self.variables, name)
+        references = [self.variables[n].valueReference for n in names]
+        return np.array(self.call(f"get{self.variables[names[0]].type}", references), dtype=float)
+
+    def begin(self, start_time: float = 0.0, **values: Any) -> Self:
+        """From instantiation through initialisation, with these start values."""
+        self.prepare(start_time, **values)
+        self.call("exitInitializationMode")
+        return self
+
+    def prepare(self, start_time: float = 0.0, **values: Any) -> Self:
+        """Into initialization mode, with these start values."""
+        self.call("setupExperiment", None, start_time)
+        self.call("enterInitializationMode")
+        for name, value in values.items():
+            self.put(name, value)
+        self.now = start_time
+        return self
+
+    def advance(self, step: float, **inputs: Any) -> Self:
+        """Sets inputs, then one doStep."""
+        for name, value in inputs.items():
+            self.put(name, value)
+        self.step(self.now, step)
+        self.now += step
+        return self
+
+    def everything(self) -> Real:
+        """Every value but texts, in the order of the value references."""
+        return np.concatenate([self._take(n) for n, v in self.variables.items() if v.type != "String"])
+
+    def saved(self) -> bytes:
+        """The FMU state, serialised."""
+        state = self.call("getFMUstate")
+        try:
+            return bytes(self.call("serializeFMUstate", state))
+        finally:
+            self.call("freeFMUstate", state)
+
+    def restore(self, content: bytes) -> Self:
+        """Continues from a serialised state."""
+        state = self.call("deSerializeFMUstate", content)
+        try:
+            self.call("setFMUstate", state)
+        finally:
+            self._fmu.freeFMUstate(state)
+        self.now = float(self.take("time")[0])
+        return self
+
+
+def loaded(folder: Path, name: str = "unit") -> "closing[Loaded]":
+    """A context that gives an instance and frees it."""
+    return closing(Loaded(folder, name))
