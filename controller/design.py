@@ -49,7 +49,7 @@ class DesignOptions:
     order: Index | None = None                   # modes of a beam, or polynomial degree; default 10 or 9
     reduced_modes: Index = 5                     # N_r: position and velocity states kept of each beam
     output_weight: OutputWeight | None = None    # default: identity for clamped_free, energy for segment
-    static_correction: bool = True               # direct terms that carry the truncated modes at rest
+    static_correction: Annotated[bool, Field(strict=True)] = True  # direct terms that carry the truncated modes at rest
     static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
     sample_time: Positive = 2e-4                 # s
     transition_time: Positive = 0.9              # s
@@ -163,7 +163,7 @@ def _summary(model: BeamModel, system: SecondOrderSystem, reduced: ReducedModel,
 def _identified(structure: Structure, options: DesignOptions, summary: dict[str, Any],
                 arrays: dict[str, Array]) -> Design:
     """The design with its hash, over the structure, the options and every array's bytes."""
-    digest = hashlib.sha256(_meta(structure, options, None).encode())
+    digest = hashlib.sha256(_meta(structure, options).encode())
     for name in sorted(arrays):
         digest.update(name.encode())
         digest.update(array_bytes(arrays[name]))
@@ -171,28 +171,30 @@ def _identified(structure: Structure, options: DesignOptions, summary: dict[str,
                   design_id=digest.hexdigest()[:32])
 
 
-def _meta(structure: Structure, options: DesignOptions, summary: dict[str, Any] | None) -> str:
-    meta = {"format": FORMAT, "structure": asdict(structure), "options": asdict(options)}
-    if summary is not None:
-        meta["summary"] = summary
-    return json.dumps(meta, sort_keys=True)
+def _meta(structure: Structure, options: DesignOptions, **more: Any) -> str:
+    return json.dumps({"format": FORMAT, "structure": asdict(structure), "options": asdict(options), **more},
+                      sort_keys=True)
 
 
 def write_design(design: Design, path: Path) -> None:
     """Writes the design file: a NumPy archive of the arrays and a JSON text `meta`; same design, same bytes."""
-    meta = np.array(_meta(design.structure, design.options, design.summary))
+    meta = np.array(_meta(design.structure, design.options, summary=design.summary, design_id=design.design_id))
     write_whole(path, npz_bytes({**design.arrays, "meta": meta}))
 
 
 def read_design(path: Path) -> Design:
     """The design in a file; InputError where it is not a design file of this format or was altered."""
-    arrays = read_arrays(path)
+    arrays, source = read_arrays(path), str(path)
     try:
         meta = json.loads(str(arrays.pop("meta")))
-        known = meta["format"]
+        known, structure, options, summary, design_id = (
+            meta[key] for key in ("format", "structure", "options", "summary", "design_id"))
     except (KeyError, TypeError, json.JSONDecodeError):
-        raise InputError("", "is not a flexbeams design file", source=str(path)) from None
+        raise InputError("", "is not a flexbeams design file", source=source) from None
     if known != FORMAT:
-        raise InputError("format", f"must be {FORMAT}; make the design again", known, source=str(path))
-    return _identified(checked(Structure, meta["structure"], str(path)),
-                       checked(DesignOptions, meta["options"], str(path)), meta["summary"], arrays)
+        raise InputError("format", f"must be {FORMAT}; make the design again", known, source=source)
+    design = _identified(checked(Structure, structure, source), checked(DesignOptions, options, source), summary, arrays)
+    if design.design_id != design_id:
+        raise InputError("design_id", f"must be {design.design_id}, the hash of the contents: the file was altered",
+                         design_id, source=source)
+    return design

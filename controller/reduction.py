@@ -55,12 +55,13 @@ def reduce(model: BeamModel, system: SecondOrderSystem, *, kept: int, output_wei
     output_weight "identity" balances in the Galerkin coordinates (H = I in (22), the paper); "energy" in
     coordinates whose squared norm is twice the energy, after a truncation to the lowest ENERGY_MODES undamped
     modes: that choice does not depend on the basis. Raises DesignError where fewer states exist than are to be
-    kept or where the reduced A is not Hurwitz; the message names the eigenvalue.
+    kept, where a mode is not damped or where the reduced A is not Hurwitz; the message names the eigenvalue.
     """
     A, B, positions, weight = _energy_coordinates(system, output_weight)
     n = positions.shape[1]
     if not 1 <= kept <= n:
         raise DesignError(f"reduced_modes must keep 1 to {n} position states, got {kept}")
+    _require_damped(A)
     controllability = solve_continuous_lyapunov(A, -B @ B.T)
     observability = solve_continuous_lyapunov(A.T, -weight)
     residual = max(_relative(A @ controllability + controllability @ A.T, B @ B.T),
@@ -128,6 +129,14 @@ def _factor(gramian: Array) -> Array:
 
 def _relative(residual: Array, constant: Array) -> float:
     return float(np.linalg.norm(residual + constant) / np.linalg.norm(constant))
+
+
+def _require_damped(A: Array) -> None:
+    eigenvalues = np.linalg.eigvals(A)
+    least = eigenvalues[np.argmax(eigenvalues.real / np.abs(eigenvalues))]
+    if least.real > -1e-9 * abs(least):
+        raise DesignError(f"the mode at {abs(least):.6g} rad/s is not damped, which balanced truncation needs; give the "
+                          "structure damping")
 
 
 def _require_stable(A: Array, kept: int) -> None:

@@ -11,7 +11,8 @@ from fmus.variables import Interface, Variable
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
-h1, h2 { color: #1f3a5f; line-height: 1.2 } h2 { margin-top: 2.2rem } figure { margin: 1rem 0 } code { font-size: 0.9em }
+h1, h2 { color: #1f3a5f; line-height: 1.2 } h2 { margin-top: 2.2rem }
+figure { margin: 1rem 0 } code { font-size: 0.9em }
 table { border-collapse: collapse; font-size: 0.9rem; width: 100% } math { margin: 0.8rem 0; font-size: 1.15em }
 th, td { border-bottom: 1px solid #d5dbe3; padding: 0.25rem 0.6rem; text-align: left; vertical-align: top }
 th { background: #eaf1f8 } img { max-width: 100%; height: auto } summary { cursor: pointer; color: #1f3a5f }
@@ -31,18 +32,18 @@ _CHAPTERS = {
         equations="""
 Euler-Bernoulli beams, clamped at one end, with tip masses, springs between adjacent tips and pairs of piezoelectric
 patches; a Galerkin approximation of their weak form, equations (13) to (15) of the paper:
-= M q̈ + D q̇ + K q = L u + F f
+= M ddot q + D dot q + K q = L u + F f
 q are the generalised coordinates, u the voltages of the patch pairs and f the forces on the tips. Each matrix is a sum
 of physical parameters times constant matrices of the geometry, so every parameter can be set before the
 initialisation ends. With the factors of K and M the state's norm is the mechanical energy E:
-= K = R_K R_K^T , M = R_M R_M^T , x = (R_K^T q , R_M^T q̇) , E = x^T x / 2
-= ẋ = A x + B v , v = (u , f)
+= K = R_K R_K^T ; M = R_M R_M^T ; x = (R_K^T q , R_M^T dot q) ; E = x^T x / 2
+= dot x = A x + B v ; v = (u , f)
 A step of any length h is exact, for inputs that are held and for inputs with a constant derivative:
-= x(t+h) = e^{A h} x(t) + (∫_0^h e^{A s} ds) B v(t) + (∫_0^h (h−s) e^{A s} ds) B v̇(t)
+= x(t+h) = e^{A h} x(t) + (∫_0^h e^{A s} d s) B v(t) + (∫_0^h (h−s) e^{A s} d s) B dot v(t)
 Outputs are the deflections y_pi at the points of interest, and the strains y_pm at the gauges: half the thickness
 times the curvature, averaged over the gauge:
-= y_pi = C_pi q , y_pm = C_pm q + σ n_k
-n_k is white noise of variance 1, new at each sample time, a function of seed, sample and gauge only; σ is
+= y_pi = C_pi q ; y_pm = C_pm q + σ n_k
+nₖ is white noise of variance 1, new at each sample time, a function of seed, sample and gauge only; σ is
 strain_noise_std.
 """,
         timing="""
@@ -54,10 +55,10 @@ step.
         equations="""
 The reduced model is flat, equations (31) to (38) of the paper: voltages and states follow from derivatives of the flat
 output ξ.
-= u_ff = sum_i c_i ξ^{(i)} , x_ref = sum_i X_i ξ^{(i)} , y_ref = H_pi x_ref + D_pi u_ff
+= u_ff = sum_i c_i ξ^{(i)} ; x_ref = sum_i X_i ξ^{(i)} ; y_ref = H_pi x_ref + D_pi u_ff
 A changed target starts a transition; transitions add, so that a new one may start while others are under way:
 = ξ(t) = ξ_0 + sum_k Δξ_k Θ((t−t_k) / T_k)
-= Θ(τ) = ∫_0^τ θ(s) ds / ∫_0^1 θ(s) ds , θ(s) = exp(−(s (1−s))^{−g})
+= Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})
 Derivatives of Θ are exact: they come from power series. A transition takes transition_time, or as much longer as it
 takes to keep the whole motion within voltage_limit. A target that needs more than that at rest is refused: one line in
 the log, target_refused is true, the target before is held.
@@ -71,9 +72,9 @@ once; a further one starts when one has ended.
         equations="""
 A steady-state Kalman filter, equation (42) of the paper, a linear-quadratic regulator (44) and integral action (45):
 = x_est(k+1) = A_d x_est(k) + B_d u(k) + L (y_pm(k) − H_pm x_est(k) − D_pm u(k))
-= w(k) = u_ff(k) + K (x_ref(k) − x_est(k)) + z(k) , u(k) = min(max(w(k) , −u_max) , u_max)
+= w(k) = u_ff(k) + K (x_ref(k) − x_est(k)) + z(k) ; u(k) = min(max(w(k) , −u_max) , u_max)
 = z(k+1) = z(k) + k_I G_0^+ (H_pi (x_ref − x_est) + D_pi (u_ff − u))
-G_0^+ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
+G₀⁺ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
 factor alone would destabilise. A voltage at its limit u_max = voltage_limit does not integrate further out. With
 feedback off, the feedforward's voltages pass through.
 """,
@@ -91,19 +92,21 @@ def documentation_page(interface: Interface, picture: bytes) -> str:
     image = base64.b64encode(picture).decode()
     design = next((v.start for v in interface if v.name == "design_id"), "")
     arrays = [[interface.variables[k] for k in span] for span in interface.arrays.values()]
+    title = escape(interface.unit_name)
     parts = [
-        f"<h1>{escape(interface.unit_name)}</h1>", f"<p>{escape(interface.description)}.</p>",
-        f'<figure><img src="data:image/png;base64,{image}" alt="{escape(interface.unit_name)} with its signals"></figure>',
+        f"<h1>{title}</h1>", f"<p>{escape(interface.description)}.</p>",
+        f'<figure><img src="data:image/png;base64,{image}" alt="{title} with its signals"></figure>',
         "<h2>Equations</h2>", *_paragraphs(chapter.equations),
-        "<h2>Signals</h2>", _table(("signal", "type", "causality", "unit", "start", "meaning"), map(_array_row, arrays)),
+        "<h2>Signals</h2>",
+        _table(("signal", "type", "causality", "unit", "start", "meaning"), map(_array_row, arrays)),
         f"<details><summary>All {len(interface.variables)} variables</summary>",
         _table(("reference", "variable", "variability", "minimum", "maximum", "nominal", "meaning"),
                (_variable_row(k, v) for k, v in enumerate(interface))), "</details>",
         "<h2>Timing</h2>", *_paragraphs(chapter.timing),
         f"<p>The design's sample time is {interface.step_size:g} s. Outputs change in fmi2DoStep only.</p>",
         "<h2>Errors and log</h2>",
-        "<p>A refused call returns fmi2Error and writes one line that names function, variable and value; no step is done "
-        "until fmi2Reset or fmi2SetFMUstate. Categories of the log:</p>",
+        "<p>A refused call returns fmi2Error and writes one line that names function, variable and value; no step is "
+        "done until fmi2Reset or fmi2SetFMUstate. Categories of the log:</p>",
         _table(("category", "lines"), log_categories.items()),
         "<h2>Contents</h2>",
         "<p>The unit needs nothing but itself. <code>sources</code> holds all of it in strict C99; "
@@ -113,7 +116,6 @@ def documentation_page(interface: Interface, picture: bytes) -> str:
         "<p>Paper: A. Kater, T. Meurer, Motion planning and tracking control for coupled flexible beam structures, "
         "Control Engineering Practice 84 (2019). Licence: <code>documentation/licenses/LICENSE</code>.</p>",
     ]
-    title = escape(interface.unit_name)
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{title}</title>'
             f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n")
 

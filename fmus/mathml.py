@@ -3,29 +3,22 @@
 import re
 from html import escape
 
-_TOKEN = re.compile(r"\s+|(?P<number>\d+(\.\d+)?)|(?P<name>[^\W\d_]+)|(?P<script>[_^])|(?P<brace>[{}])|(?P<operator>\S)")
+_TOKEN = re.compile(r"\s+|(?P<number>\d+(\.\d+)?)|(?P<name>[^\W\d_]+)|(?P<script>[_^])|(?P<brace>[{}])"
+                    r"|(?P<operator>\S)")
+_DOTS = {"dot": "&#x02D9;", "ddot": "&#x00A8;"}
 
 
 def formula(text: str) -> str:
     """A formula on a line of its own.
 
-    Names, numbers and operators as they stand, _ and ^ for what is below and above the name before, braces around
-    what belongs together: x_{k+1} = A_d x_k + B_d u_k.
+    Names, numbers and operators as they stand; _ and ^ for what is below and above the item before; braces around
+    what belongs together; dot and ddot before a name; ; between two formulas: dot x_k = A^{-1} x_k ; y = C x.
     """
     return f'<math display="block">{_row(_tokens(text))}</math>'
 
 
 def _tokens(text: str) -> list[tuple[str, str]]:
-    tokens = []
-    position = 0
-    while position < len(text):
-        match = _TOKEN.match(text, position)
-        if match is None:
-            raise ValueError(f"formula {text!r} must be made of names, numbers and operators, got {text[position]!r}")
-        if match.lastgroup:
-            tokens.append((match.lastgroup, match.group()))
-        position = match.end()
-    return tokens
+    return [(match.lastgroup, match.group()) for match in _TOKEN.finditer(text) if match.lastgroup]
 
 
 def _row(tokens: list[tuple[str, str]]) -> str:
@@ -56,5 +49,9 @@ def _item(tokens: list[tuple[str, str]]) -> str:
     if kind == "number":
         return f"<mn>{text}</mn>"
     if kind == "name":
+        if text in _DOTS:
+            return f'<mover accent="true">{_item(tokens)}<mo>{_DOTS[text]}</mo></mover>'
         return "<mo>&#x2211;</mo>" if text == "sum" else f"<mi>{escape(text)}</mi>"
+    if text == ";":
+        return '<mspace width="2em"/>'
     return f"<mo>{escape(text)}</mo>"

@@ -1,4 +1,4 @@
-"""The data of a native unit as C source: constant tables of doubles in hexadecimal, which every compiler reads alike."""
+"""The data of a native unit as C source: constant tables, doubles in hexadecimal, which compilers read alike."""
 
 import hashlib
 import math
@@ -52,7 +52,7 @@ def _interface(interface: Interface, guid: str) -> list[str]:
         start = variable.start
         if variable.type == "String":
             if variable.causality in ("parameter", "input"):
-                raise BuildError(f"{interface.unit_name}: {variable.name} must be constant, as all texts of native units")
+                raise BuildError(f"{interface.unit_name}: {variable.name} must be constant, as all native texts")
             texts.append(str(start or ""))
             start = len(texts) - 1
         kinds.append(_kind(variable, variable.array in _DEFERRED.get(interface.unit_name, ())))
@@ -84,7 +84,8 @@ def _plant(interface: Interface, data: Data, meta: Mapping[str, Any]) -> list[st
     positions = np.cumsum([0, *(block.size for block in blocks)])
     placed = zip(meta["terms"], blocks, positions[:-1], strict=True)
     terms = [f"{{.parameter = {meta['parameters'][name]}, .matrix = '{matrix}', .start = {start}, .column = {column}, "
-             f".size = {len(block)}, .block = {position}}}" for (name, matrix, start, column), block, position in placed]
+             f".size = {len(block)}, .block = {position}}}"
+             for (name, matrix, start, column), block, position in placed]
     parameters = [f"{{.reference = {reference}, .may_vanish = {'true' if name.endswith(_MAY_VANISH) else 'false'}}}"
                   for name, reference in meta["parameters"].items()]
     counts = {"coordinates": n, "patches": patches, "beams": len(data["tips"]),

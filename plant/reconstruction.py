@@ -164,6 +164,8 @@ def write_structure(structure: Structure, path: Path, origin: dict[str, dict[str
     for line in header.splitlines():
         document.add(tomlkit.comment(line))
     for part in ("beam", "patch", "spring", "point_of_interest", "strain_gauge"):
+        if not getattr(structure, part):
+            continue
         tables = tomlkit.aot()
         for item in getattr(structure, part):
             table = tomlkit.table()

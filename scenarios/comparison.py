@@ -130,7 +130,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     write_whole(page, comparison_html(comparison, title).encode())
     stop = max(float(run.recording.time[-1]) for run in comparison.runs)
     rows = [_over_each_other(comparison, name) for name in _drawn(comparison)]
-    return [page, *write_figure(draw_rows(rows, title, 0.0, stop), folder / "compare")]
+    return [page, *write_figure(draw_rows(rows, title, 0.0, stop, wide=True), folder / "compare")]
 
 
 def comparison_html(comparison: Comparison, title: str) -> str:
@@ -138,17 +138,22 @@ def comparison_html(comparison: Comparison, title: str) -> str:
     groups: list[dict[str, Any]] = []
     shown: list[tuple[str, list[Curve]]] = []
     notes: list[str] = []
-    for name in comparison.arrays:
+    first = _drawn(comparison)
+    for name in [*first, *(n for n in comparison.arrays if n not in first)]:
         curves = _over_each_other(comparison, name)
         if twin := next((n for n, others in shown if _equal(curves, others)), None):
             notes.append(f"{name} = {twin}")
             continue
+        if all(np.ptp(c.recording.values[:, c.places], axis=0).max() == 0 for c in curves):
+            notes.append(f"{name} is constant")
+            continue
         shown.append((name, curves))
-        panels = [panel(curves[0].element(e), [(c, e, c.label) for c in curves])
+        panels = [panel(curves[0].element(e), [(c, e, c.label) for c in curves], referred=True)
                   for e in range(len(curves[0].places))]
         groups.append({"title": name, "window": None, "panels": panels, "notes": []})
     if notes:
-        groups[-1]["notes"].append(f"The same in every run: {'; '.join(notes)}")
+        groups.append({"title": "Not drawn", "window": None, "panels": [],
+                       "notes": [f"In every run: {'; '.join(notes)}"]})
     return render("compare.html.j2", title=title, labels=[run.label for run in comparison.runs],
                   facts=fact_table(comparison), checks=check_table(comparison), metrics=metric_table(comparison),
                   groups=groups, data={"groups": groups})

@@ -196,8 +196,8 @@ class CoSimulation:
     def run(self, steps: int, progress: Callable[[int], None] = lambda done: None, decimate: int = 1) -> Recording:
         """Steps from 0 to steps * step and records; a unit's failure or Ctrl-C ends the run, rows so far are kept.
 
-        Every `decimate`-th step is recorded, and the last one. Ctrl-C is looked at after each block of steps, so
-        that it meets no unit at work; a second one acts at once.
+        Every `decimate`-th step is recorded, and the last one. Ctrl-C, or a KeyboardInterrupt of `progress`, is looked
+        at after each block of steps, so that it meets no unit at work; a second Ctrl-C is raised at once.
         """
         wiring, stepper = self._wiring, self.stepper
         rows = np.empty((-(-steps // decimate) + 1, len(wiring.recorded)))
@@ -215,7 +215,10 @@ class CoSimulation:
                     count = min(BLOCK, steps - k, frames.due - k if frames.due > k else BLOCK)
                     k += stepper.advance(k, self._external(k, count), decimate, rows)
                     if k - shown >= BLOCK or k == steps:
-                        progress(shown := k)
+                        try:
+                            progress(shown := k)
+                        except KeyboardInterrupt:
+                            break
                 self._drive(k)
                 np.take(wiring.signals, wiring.recorded, out=rows[-(-k // decimate)])
                 if k == frames.due:
@@ -223,8 +226,6 @@ class CoSimulation:
                 recording.interrupted = k < steps
             except UnitFailure as failure:
                 recording.failure, k = failure, stepper.done
-            except KeyboardInterrupt:
-                recording.interrupted, k = True, stepper.done
         recording.wall = clock.perf_counter() - begin
         recording.steps, recording.frames = k, frames.taken()
         recording.lateness = None if stepper.lateness is None else stepper.lateness[:k]

@@ -46,14 +46,17 @@ def draw(figure: Figure, scenario: Scenario, recording: Recording, open_loop: Re
     return draw_rows(rows, figure.title or scenario.title, figure.start, figure.stop or recording.time[-1])
 
 
-def draw_rows(rows: list[list[Curve]], title: str, start: float, stop: float) -> Canvas:
-    """Curves of a row over each other, from `start` to `stop` in s; a column for each element."""
+def draw_rows(rows: list[list[Curve]], title: str, start: float, stop: float, wide: bool = False) -> Canvas:
+    """Curves of a row over each other, from `start` to `stop` in s; a column for each element.
+
+    A curve below others is wide, so that it is not hidden, where it is of their recording, or `wide` is set.
+    """
     columns = max(len(curve.places) for row in rows for curve in row)
     canvas = Canvas(figsize=(3.0 * columns + 0.6, 2.3 * len(rows) + 0.7), layout="constrained")
     axes = canvas.subplots(len(rows), columns, squeeze=False, sharex=True)
     for row, line in zip(rows, axes, strict=True):
         for c, axis in enumerate(line):
-            _fill(axis, row, c, start, stop)
+            _fill(axis, row, c, start, stop, wide)
         line[0].set_ylabel(row[0].axis(), fontsize=9)
         if len(row) > 1:
             line[0].legend(fontsize=8, frameon=False)
@@ -63,17 +66,17 @@ def draw_rows(rows: list[list[Curve]], title: str, start: float, stop: float) ->
     return canvas
 
 
-def _fill(axis: Axes, row: list[Curve], c: int, start: float, stop: float) -> None:
-    """Draws element c of a row's curves over each other; a reference below is wider, so that it is not hidden."""
+def _fill(axis: Axes, row: list[Curve], c: int, start: float, stop: float, wide: bool) -> None:
+    """Draws element c of a row's curves over each other."""
     for s, curve in enumerate(row):
         if c >= len(curve.places):
             continue
         shown = (curve.recording.time >= start) & (curve.recording.time <= stop)
         t, y = decimated(curve.recording.time[shown], curve.recording.values[shown, curve.places[c]], PLOTTED)
         below = len(row) - 1 - s
-        wide = below and curve.recording is row[-1].recording
+        widened = below and (wide or curve.recording is row[-1].recording)
         axis.plot(t, y * SHOWN[curve.quantity][1], color=_COLOURS[s % len(_COLOURS) if len(row) > 1 else 1],
-                  label=curve.label, linewidth=3.3 if wide else 1.1, alpha=0.5 if below else 1.0,
+                  label=curve.label, linewidth=3.3 if widened else 1.1, alpha=0.5 if below else 1.0,
                   solid_capstyle="butt")
         axis.set_title(curve.element(c), fontsize=9)
     axis.grid(alpha=0.3, linewidth=0.5)

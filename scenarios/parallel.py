@@ -5,10 +5,11 @@ import os
 import queue
 import signal
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing.queues import Queue
 from multiprocessing.synchronize import Event
 
@@ -18,6 +19,7 @@ from scenarios.jobs import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished, Jo
 from scenarios.progress import Display
 from scenarios.run import prepare, unit_files
 from scenarios.schema import find_scenario
+from scenarios.stepping import stepper_library
 
 INTERVAL = 0.1   # s between two messages of a scenario's progress
 
@@ -30,8 +32,8 @@ def usable_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def prepare_all(jobs: Sequence[Job], report: Callable[[str], None]) -> list[Design]:
-    """The designs of all jobs, each once, and their units built, so that no two processes do the same work."""
+def prepare_all(jobs: Sequence[Job], display: Display) -> list[Design]:
+    """The designs of all jobs, each once; units and stepping loop built, so that no two processes do the same work."""
     designs: list[Design] = []
     for job in jobs:
         name: str | None = job.scenario
@@ -40,7 +42,9 @@ def prepare_all(jobs: Sequence[Job], report: Callable[[str], None]) -> list[Desi
             scenario, design = prepare(path, job.settings, designs)
             if not any(design is d for d in designs):
                 designs.append(design)
-            unit_files(path, scenario, design, job.settings, report)
+            unit_files(path, scenario, design, job.settings, partial(display.note, name=job.name))
+            if job.settings.backend == "native" and any(i.unit for i in scenario.instance.values()):
+                stepper_library(job.settings.build_folder, job.settings.compiler)
             name = scenario.open_loop
     return designs
 
@@ -51,9 +55,9 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Fi
     Input that no job can run with raises FlexbeamsError before any of them starts; later failures of one leave
     the others alone. Ctrl-C ends all at their next block of steps, a second one at once.
     """
-    designs = prepare_all(jobs, display.note)
+    designs = prepare_all(jobs, display)
     context = multiprocessing.get_context("spawn")
-    messages: "Queue[Message]" = context.Queue()
+    messages: Queue[Message] = context.Queue()
     stop = context.Event()
     with ProcessPoolExecutor(workers, context, _enter, (messages, stop)) as pool:
         with _one_thread_each():
@@ -133,8 +137,10 @@ def outline(finished: Finished) -> str:
     if finished.status not in (DONE, CHECK_FAILED):
         return finished.message
     count = len(finished.outcomes)
-    checks = f"{finished.failed} of {count} checks failed" if finished.failed else f"{count} checks hold"
-    return f"{checks if count else 'done'}, {finished.factor} times real time"
+    checks = "one check holds" if count == 1 else f"{count} checks hold" if count else "done"
+    if finished.failed:
+        checks = f"{finished.failed} of {count} checks failed"
+    return f"{checks}, {finished.factor} times real time"
 
 
 @contextmanager
@@ -174,7 +180,7 @@ def _work(number: int, job: Job, designs: Sequence[Design]) -> Finished:
         nonlocal told
         if _Link.stop.is_set():
             raise KeyboardInterrupt
-        if clock.monotonic() - told > INTERVAL:
+        if done == steps or clock.monotonic() - told > INTERVAL:
             told = clock.monotonic()
             _Link.messages.put((number, "progress", (done, steps)))
 

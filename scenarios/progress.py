@@ -46,7 +46,8 @@ class Display:
     def progress(self, name: str, done: int, steps: int) -> None:
         """Moves a scenario's bar."""
         if self._bars is not None:
-            self._bars.update(self._task(name), completed=done, total=steps, state=f"{done} of {steps} steps")
+            state = f"{done} of {steps} steps" if done < steps else "finishing"
+            self._bars.update(self._task(name), completed=done, total=steps, state=state)
 
     def begin(self, name: str) -> None:
         """One of several scenarios has started; its bar appears."""

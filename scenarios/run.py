@@ -1,5 +1,6 @@
 """One run from a scenario to its files: design, units, co-simulation, checks, figures."""
 
+import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -260,7 +261,8 @@ def _spread(where: str, key: str, value: Any, variables: dict[str, Any], source:
         names = element_names(variables, key)
     settable = [n for n in names if variables[n].causality in ("parameter", "input")]
     if not settable:
-        known = [n for n, v in variables.items() if v.causality in ("parameter", "input")]
+        known = [re.sub(r"\[[0-9,]+\]$", "", re.sub(r"\[[0-9,]+\]\.", "[].", n)) for n, v in variables.items()
+                 if v.causality in ("parameter", "input")]   # arrays and families, not each of their numbers
         rule = "is not settable" if names else "is not a variable" + suggestion(key, known)
         raise InputError(where, rule, key, source=source)
     listed = value if isinstance(value, list) else [value] * len(settable)

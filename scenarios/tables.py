@@ -50,17 +50,17 @@ def show_checks(finished: Finished) -> None:
 def show_overview(runs: Sequence[Finished]) -> None:
     """A line for each of several runs."""
     table = Table()
-    table.add_column("scenario")
-    for heading in ("checks held", "failed", "times real time"):
+    table.add_column("scenario", no_wrap=True)
+    table.add_column("checks")
+    for heading in ("held", "failed", "x real time"):
         table.add_column(heading, justify="right")
-    table.add_column("")
     table.add_column("results", overflow="fold")
     words = {DONE: "[green]ok[/]", CHECK_FAILED: "[red bold]FAILED[/]", FAILED: "[red bold]ERROR[/]",
              INTERRUPTED: "[yellow]interrupted[/]"}
     for run in runs:
         complete = run.status in (DONE, CHECK_FAILED)
-        table.add_row(run.name, str(len(run.outcomes) - run.failed) if complete else "",
-                      str(run.failed) if complete else "", run.factor, words[run.status],
+        held = str(len(run.outcomes) - run.failed)
+        table.add_row(run.name, words[run.status], *((held, str(run.failed)) if complete else ("", "")), run.factor,
                       str(run.folder) if run.folder else "none")
     console(width=300).print(table)
 

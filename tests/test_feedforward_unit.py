@@ -108,10 +108,10 @@ def test_transitions_add_up(workshop: Workshop) -> None:
     parts, before = np.zeros((1850, 38)), np.zeros(4)
     for k, target in changes.items():
         with loaded(workshop.folder("FlatnessFeedforward")) as unit:
-            parts += trace(unit.begin(), 1850, 1e-3, y_target={k: target - before})
+            parts += trace(unit.begin(voltage_limit=1e6), 1850, 1e-3, y_target={k: target - before})
         before = target
     with loaded(workshop.folder("FlatnessFeedforward")) as unit:
-        found = trace(unit.begin(), 1850, 1e-3, y_target=changes)
+        found = trace(unit.begin(voltage_limit=1e6), 1850, 1e-3, y_target=changes)
         assert unit.take("moving")[0] == 0
     assert_groups_close(found, parts, 1e-12)
     np.testing.assert_allclose(found[-1, :4], voltages_of(before), rtol=1e-12)
@@ -201,7 +201,7 @@ def test_fast_transition_is_stretched_to_the_limit(workshop: Workshop, wanted: f
         assert time > wanted
         assert f"is stretched from {wanted:.4g} s to {time:.4g} s to stay within 1000.0 V" in unit.notes[0]
         assert np.abs(u).max() <= 1001.0
-        assert peak == pytest.approx(np.abs(u).max(), rel=1e-3)
+        assert peak == pytest.approx(np.abs(u).max(), rel=5e-3)
         # A step of the planner's table shorter would break the limit
         shapes = design_of().arrays["shape_times"]
         with loaded(workshop.folder("FlatnessFeedforward")) as faster:

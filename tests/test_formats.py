@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from fmus.python_backend import build_python_units
 from plant.errors import InputError
 from scenarios import formats
 from scenarios.cli import main
 from scenarios.cosimulation import Recording
 from scenarios.formats import matlab_names, require_formats, write_mat, write_parquet
 from scenarios.results import read_results, write_results
+from tests.units.lag_interface import lag_unit
 
 COLUMNS = ["plant.y_pi[1]", "plant.y_pi[2]", "plant.energy", "plant.w[1,2]", "plant.w[3,2]", "plant.beam[2].tip_mass",
            "_unit.end", "_unit.x'", "time.u[1]"]
@@ -151,20 +153,40 @@ def test_decimated_rows_are_those_of_the_whole_run(at_run_folder: Path, tmp_path
     assert summary["checks"][0]["value"] == np.max(np.abs(few.values[:, whole.columns.index("plant.u[1]")]))
 
 
-def test_a_failed_decimated_run_keeps_its_last_row(at_run_folder: Path, tmp_path: Path,
-                                                   write_scenario: Callable[[str, str], Path]) -> None:
-    """The step that fails lies between two rows; what the units had before it is the last row all the same."""
-    (tmp_path / "u.csv").write_text("time,u\n0,1\n0.1234,1e308\n")
-    path = write_scenario("burst", PLANT.replace('pseudo_random = { amplitude = 100.0, hold = 1e-3, kind = "levels" }',
-                                                 'table = { file = "u.csv" }'))
-    assert run(path, tmp_path / "whole") == run(path, tmp_path / "few", "--decimate", "100") == 2
-    whole, few = (read_results(tmp_path / name / "results.csv") for name in ("whole", "few"))
-    last = len(whole.time) - 1
-    assert last % 100 != 0
-    kept = [*range(0, last, 100), last]
-    np.testing.assert_array_equal(few.time, whole.time[kept])
-    np.testing.assert_array_equal(few.values, whole.values[kept])
-    assert json.loads((tmp_path / "few/summary.json").read_text())["complete"] is False
+@pytest.fixture(scope="module")
+def lag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A unit that refuses u[3] > 1e6."""
+    return build_python_units([lag_unit(tmp_path_factory.mktemp("lag") / "lag.fmu")])[0]
+
+
+LAG = '''title = "a unit that fails"
+structure = "single_beam"
+step = 1e-3
+stop_time = 0.2
+record = ["lag.u"]
+[instance.lag]
+fmu = "{fmu}"
+[[input]]
+to = "lag.u"
+table = {{ file = "u.csv" }}
+'''
+
+
+@pytest.mark.parametrize("every", [1, 50, 124, 1000])
+def test_a_failed_run_keeps_its_last_row(at_run_folder: Path, tmp_path: Path, lag: Path, every: int,
+                                         write_scenario: Callable[[str, str], Path]) -> None:
+    """The step that fails may lie between two rows; what the unit had before it is the last row all the same."""
+    (tmp_path / "u.csv").write_text("time,u1,u2,u3\n0,1,2,3\n0.1234,4,5,2e6\n")
+    path = write_scenario("failing", LAG.format(fmu=lag.as_posix()))
+    assert run(path, tmp_path / "out", "--decimate", str(every)) == 2
+    left = read_results(tmp_path / "out/results.csv")
+    steps = [*range(0, 124, every), 124]
+    np.testing.assert_array_equal(left.time, np.array(steps) * 1e-3)
+    np.testing.assert_array_equal(left.values[:, left.columns.index("lag.ticks")], 2 * np.array(steps))
+    np.testing.assert_array_equal(left.values[:, left.columns.index("lag.u[3]")], [3.0] * (len(steps) - 1) + [2e6])
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert (summary["complete"], summary["timing"]["steps"]) == (False, 124)
+    assert "u[3] must be <= 1e6" in summary["error"]
 
 
 def test_formats_are_imported_where_they_are_used() -> None:

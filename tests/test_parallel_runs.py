@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from scenarios.cli import main
-from scenarios.jobs import DONE, FAILED, INTERRUPTED, Job
+from scenarios.jobs import DONE, FAILED, INTERRUPTED, Job, execute
 from scenarios.parallel import prepare_all, run_parallel
 from scenarios.progress import Display
 from scenarios.results import read_results
@@ -38,11 +38,15 @@ unit = "V"
 max = 100.0
 '''
 
+# Hours of simulated time, which no computer has done when the test ends the run
+LONG = PLANT.format(stop=2e4, voltage=1.0)
+EVERY = 1000   # steps to a row of these
+
 
 def job(path: Path, out: Path, **settings: object) -> Job:
     folder = out / path.stem
     folder.mkdir(parents=True, exist_ok=True)
-    return Job(scenario=str(path), folder=folder, settings=Settings(frames=False, **settings),  # type: ignore[arg-type]
+    return Job(scenario=str(path), folder=folder, settings=Settings(frames=False, **{"decimate": EVERY, **settings}),  # type: ignore[arg-type]
                figures=False, report=False)
 
 
@@ -57,8 +61,8 @@ def test_results_side_by_side_are_those_of_single_runs(at_run_folder: Path, tmp_
     assert run(*paths, "--out", "several", "--jobs", 2) == 1
     shown = capsys.readouterr()
     rows = [line.split("│")[1:-1] for line in shown.out.splitlines() if "several" in line and "│" in line]
-    assert [[cell.strip() for cell in (r[0], r[1], r[2], r[4])] for r in rows] == [
-        ["low", "1", "0", "ok"], ["high", "0", "1", "FAILED"], ["middle", "1", "0", "ok"]]
+    assert [[cell.strip() for cell in r[:4]] for r in rows] == [
+        ["low", "ok", "1", "0"], ["high", "FAILED", "0", "1"], ["middle", "ok", "1", "0"]]
     assert "high: 1 of 1 checks failed" in shown.err
     for path in paths:
         run(path, "--out", tmp_path / "alone")
@@ -69,14 +73,11 @@ def test_results_side_by_side_are_those_of_single_runs(at_run_folder: Path, tmp_
 def test_a_job_that_fails_leaves_the_others_alone(at_run_folder: Path, tmp_path: Path, write_scenario: Write,
                                                   capsys: pytest.CaptureFixture[str]) -> None:
     good = write_scenario("good", PLANT.format(stop=0.1, voltage=1.0))
-    burst = write_scenario("burst", PLANT.format(stop=0.3, voltage=1.7e308))
     lost = write_scenario("lost", PLANT.format(stop=0.1, voltage=1.0).replace("plant.u\"\nc", "plant.v\"\nc"))
-    assert run(burst, good, lost, "--out", tmp_path) == 2
+    assert run(lost, good, "--out", tmp_path) == 2
     errors = capsys.readouterr().err
-    assert "burst: plant failed at " in errors
     assert "lost.toml: input[1].to names no input 'v' of plant" in errors
-    assert "good: 1 checks hold" in errors
-    assert json.loads((tmp_path / "burst/summary.json").read_text())["complete"] is False
+    assert "good: one check holds" in errors
     assert json.loads((tmp_path / "good/summary.json").read_text())["complete"] is True
 
 
@@ -96,10 +97,20 @@ def test_bad_input_is_refused_before_anything_runs(at_run_folder: Path, tmp_path
 
 def test_equal_designs_are_computed_once(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     paths = [write_scenario(f"same{k}", PLANT.format(stop=0.1, voltage=1.0)) for k in range(3)]
-    notes: list[str] = []
-    designs = prepare_all([job(path, tmp_path, build_folder=tmp_path / "units") for path in paths], notes.append)
-    assert len(designs) == 1
-    assert notes == ["building BeamPlant"]
+    display = Noting([path.stem for path in paths])
+    assert len(prepare_all([job(path, tmp_path, build_folder=tmp_path / "units") for path in paths], display)) == 1
+    assert display.notes == ["same0: building BeamPlant"]
+
+
+class Noting(Display):
+    """Keeps the notes."""
+
+    def __init__(self, names: list[str]) -> None:
+        super().__init__(names)
+        self.notes: list[str] = []
+
+    def note(self, text: str, name: str = "") -> None:
+        self.notes.append(f"{name}: {text}")
 
 
 class Impatient(Display):
@@ -115,7 +126,7 @@ class Impatient(Display):
 
 def test_ctrl_c_ends_all_and_marks_what_was_recorded(at_run_folder: Path, tmp_path: Path,
                                                      write_scenario: Write) -> None:
-    jobs = [job(write_scenario(f"long{k}", PLANT.format(stop=600.0, voltage=1.0)), tmp_path) for k in range(5)]
+    jobs = [job(write_scenario(f"long{k}", LONG), tmp_path) for k in range(5)]
     finished = run_parallel(jobs, 2, Impatient([j.name for j in jobs]))
     assert [f.status for f in finished] == [INTERRUPTED] * 5
     written = [f for f in finished if f.folder is not None]
@@ -125,13 +136,17 @@ def test_ctrl_c_ends_all_and_marks_what_was_recorded(at_run_folder: Path, tmp_pa
         summary = json.loads((f.folder / "summary.json").read_text())
         recording = read_results(f.folder / "results.csv")
         assert summary["complete"] is False
-        assert summary["timing"]["steps"] == len(recording.time) - 1 > 0
-        assert np.isfinite(recording.values).all()
+        assert summary["timing"]["steps"] == round(recording.time[-1] / 2e-4) > 0
+        # Its rows are those of a run that ends there
+        text = PLANT.format(stop=float(recording.time[-1]), voltage=1.0)
+        whole = job(write_scenario(f.name, text), tmp_path / "whole")
+        execute(whole, lambda text: None, lambda done, steps: None)
+        assert (f.folder / "results.csv").read_bytes() == (whole.folder / "results.csv").read_bytes()
     assert finished[-1].message == "not run"
 
 
 def test_ctrl_c_twice_ends_the_processes(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
-    jobs = [job(write_scenario(f"long{k}", PLANT.format(stop=600.0, voltage=1.0)), tmp_path) for k in range(2)]
+    jobs = [job(write_scenario(f"long{k}", LONG), tmp_path) for k in range(2)]
     display = Impatient([j.name for j in jobs])
     display.presses = 2
     assert [f.status for f in run_parallel(jobs, 2, display)] == [INTERRUPTED] * 2
@@ -144,7 +159,7 @@ def test_a_lost_process_is_reported(at_run_folder: Path, tmp_path: Path, write_s
             for process in multiprocessing.active_children():
                 process.kill()
 
-    jobs = [job(write_scenario(f"long{k}", PLANT.format(stop=600.0, voltage=1.0)), tmp_path) for k in range(2)]
+    jobs = [job(write_scenario(f"long{k}", LONG), tmp_path) for k in range(2)]
     finished = run_parallel(jobs, 1, Rough([j.name for j in jobs]))
     assert [f.status for f in finished] == [FAILED] * 2
     assert finished[0].message == "its process, or one beside it, was ended from outside"
@@ -154,9 +169,9 @@ def test_a_lost_process_is_reported(at_run_folder: Path, tmp_path: Path, write_s
 @pytest.mark.parametrize("count", [1, 2])
 def test_ctrl_c_at_a_terminal(at_run_folder: Path, tmp_path: Path, write_scenario: Write, count: int) -> None:
     """The signal reaches every process of the group; the command ends with 130 and valid results."""
-    paths = [write_scenario(f"long{k}", PLANT.format(stop=600.0, voltage=1.0)) for k in range(count)]
+    paths = [write_scenario(f"long{k}", LONG) for k in range(count)]
     jobs = [job(path, tmp_path) for path in paths]
-    prepare_all(jobs, lambda text: None)
+    prepare_all(jobs, Noting([]))
     code = ("import sys; from scenarios import run; from scenarios.cli import main\n"
             "def told(*arguments): print('stepping', file=sys.stderr, flush=True)\n"
             "import scenarios.progress; scenarios.progress.Display.progress = told\n"
@@ -164,7 +179,7 @@ def test_ctrl_c_at_a_terminal(at_run_folder: Path, tmp_path: Path, write_scenari
     script = tmp_path / "flexbeams.py"
     script.write_text(code)
     command = [sys.executable, str(script), "run", *map(str, paths), "--out", str(tmp_path), "--no-figures",
-               "--no-report"]
+               "--no-report", "--decimate", str(EVERY)]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                start_new_session=True, env=environment)
@@ -183,7 +198,7 @@ def test_ctrl_c_at_a_terminal(at_run_folder: Path, tmp_path: Path, write_scenari
     folder = tmp_path if count == 1 else tmp_path / "long0"
     assert json.loads((folder / "summary.json").read_text())["complete"] is False
     recording = read_results(folder / "results.csv")
-    np.testing.assert_allclose(np.diff(recording.time), 2e-4)
+    np.testing.assert_allclose(np.diff(recording.time)[:-1], EVERY * 2e-4)
     assert np.isfinite(recording.values).all()
 
 

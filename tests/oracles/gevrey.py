@@ -48,7 +48,7 @@ def taylor_coefficients_at(gevrey_order: float, tau: Real, degree: int) -> Real:
     [0, tau] or [tau, 1].
     """
     g = 1 / (gevrey_order - 1)
-    moving = np.minimum(tau, 1 - tau) > 1e-9
+    moving = np.minimum(tau, 1 - tau) > 1e-4   # theta is below e^-9000 elsewhere
     inside = tau[moving]
     binomials = np.cumprod(np.concatenate([[1.0], (-g - np.arange(degree)) / np.arange(1, degree + 1)]))
     left = binomials * inside[:, None] ** (-g - np.arange(degree + 1))

@@ -1,0 +1,99 @@
+"""Native units for the tests, built where first asked for, and their sources compiled again with a harness."""
+
+import atexit
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from controller.design import Design, DesignOptions, compute_design
+from fmus.data import unit_data
+from fmus.interface import UNITS, interface_of
+from fmus.native_backend import NativeUnit, build_native_units, unit_sources
+from plant.structure import find_structure, read_structure
+from tests.conftest import design_of
+
+HARNESSES = Path(__file__).parent
+STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+ZIG = (sys.executable, "-m", "ziglang", "cc")
+needs_zig = pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
+
+
+def needs(*tools: str) -> pytest.MarkDecorator:
+    """Skips a test where a program is not installed."""
+    missing = [tool for tool in tools if shutil.which(tool) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"not installed: {', '.join(missing)}")
+
+
+@cache
+def workspace() -> Path:
+    """A folder of this session."""
+    folder = Path(tempfile.mkdtemp(prefix="flexbeams_native_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def native_unit(unit: str, design: Design, out: Path) -> NativeUnit:
+    """A unit of a design, with the plant in the design's own basis."""
+    model = design.model()
+    interface = interface_of(unit, design, model)
+    data, meta = unit_data(interface, design, model)
+    return NativeUnit(interface=interface, data=data, meta=meta, out=out)
+
+
+@cache
+def native_fmus(structure: str = "kiel", basis: str = "clamped_free") -> Path:
+    """The folder with the three FMUs."""
+    folder = workspace() / f"{structure}-{basis}"
+    build_native_units([native_unit(unit, design_of(structure, basis), folder / f"{unit}.fmu") for unit in UNITS])
+    return folder
+
+
+@cache
+def native_folder(unit: str, structure: str = "kiel", basis: str = "clamped_free") -> Path:
+    """The folder that the FMU is extracted to."""
+    file = native_fmus(structure, basis) / f"{unit}.fmu"
+    fmpy.extract(str(file), unzipdir=str(file.with_suffix("")))
+    return file.with_suffix("")
+
+
+@cache
+def small_design() -> Design:
+    """One beam with two modes: matrix exponentials that cost next to nothing."""
+    return compute_design(read_structure(find_structure("single_beam")), DesignOptions(order=2, reduced_modes=1))
+
+
+@cache
+def source_folder(unit: str, small: bool = False) -> Path:
+    """The folder with a unit's C files, of the small or the usual design."""
+    design = small_design() if small else design_of()
+    folder = workspace() / f"sources-{small}" / unit
+    folder.mkdir(parents=True)
+    for name, content in unit_sources(native_unit(unit, design, folder))[0].items():
+        (folder / name).write_bytes(content)
+    return folder
+
+
+def compiled(harness: str, unit: str, *command: str, small: bool = False, more: Sequence[str] = ()) -> Path:
+    """A harness of this folder linked with a unit's sources by a compiler and its flags."""
+    sources = source_folder(unit, small)
+    program = workspace() / f"{harness}-{unit}-{abs(hash((command, small)))}"
+    files = [*sorted(sources.glob("*.c")), HARNESSES / f"{harness}.c"]
+    run([*command, *STRICT, f"-I{sources}", *map(str, files), "-o", str(program), "-lm", *more])
+    return program
+
+
+def run(command: Sequence[str], **options: object) -> str:
+    """What a command prints; fails the test where the command fails."""
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=600, **options)  # type: ignore[call-overload]
+    assert done.returncode == 0, f"{' '.join(command)[:400]}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+    return str(done.stdout)
+
+
