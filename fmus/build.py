@@ -43,6 +43,14 @@ def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: 
         version=version("flexbeams"))
 
 
+def native_unit(name: str, design: Design, model: BeamModel, out: Path,
+                starts: Mapping[str, float | int | bool] | None = None) -> NativeUnit:
+    """What a native unit is made of, with start values of its own in description and kernel; to be built into `out`."""
+    interface = interface_of(name, design, model)
+    data, meta = unit_data(interface, design, model)
+    return NativeUnit(interface=interface.with_starts(starts or {}), data=data, meta=meta, out=out)
+
+
 def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:
     """Where the units of a design and a plant basis are kept between runs: a folder named by all they depend on."""
     digest = hashlib.sha256(f"{design.design_id} {model.basis} {model.order} {compiler}".encode())

@@ -112,7 +112,8 @@ def documentation_page(interface: Interface, picture: bytes) -> str:
         "<p>The unit needs nothing but itself. <code>sources</code> holds all of it in strict C99; "
         "<code>tables.c</code> is what the design wrote, the other files are the same for every design. Compile with "
         "<code>-std=c99 -O2 -ffp-contract=off</code> to get the results of the binaries.</p>",
-        f"<p>Design <code>{escape(str(design))}</code>: units of different designs do not fit together.</p>",
+        *([f"<p>Design <code>{escape(str(design))}</code>: units of different designs do not fit together.</p>"]
+          if design else []),
         "<p>Paper: A. Kater, T. Meurer, Motion planning and tracking control for coupled flexible beam structures, "
         "Control Engineering Practice 84 (2019). Licence: <code>documentation/licenses/LICENSE</code>.</p>",
     ]

@@ -32,6 +32,7 @@ _OWN = {
     "FlatnessFeedforward": ("flatness_feedforward.c", "flatness_feedforward.h", "planner.c", "planner.h",
                             "transition.c", "transition.h"),
     "TrackingController": ("tracking_controller.c", "tracking_controller.h"),
+    "SignalSource": ("signal_source.c", "signal_source.h", "philox.c", "philox.h"),
 }
 _INTERPOLATING = ("BeamPlant",)
 _JOBS = 2  # compilations at once

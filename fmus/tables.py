@@ -24,15 +24,16 @@ Data = Mapping[str, NDArray[Any]]
 def tables_source(interface: Interface, data: Mapping[str, ArrayLike], meta: Mapping[str, Any], guid: str) -> str:
     """The file tables.c of a unit: what unit.h declares and what the header of its mathematics declares.
 
-    `data` and `meta` are those of fmus.data.unit_data.
+    `data` and `meta` are those of fmus.data.unit_data, of SignalSource those of fmus.signal_source.source_data.
     """
-    write = {"BeamPlant": _plant, "FlatnessFeedforward": _feedforward, "TrackingController": _controller}
+    write = {"BeamPlant": _plant, "FlatnessFeedforward": _feedforward, "TrackingController": _controller,
+             "SignalSource": _source}
     if interface.unit_name not in write:
         raise BuildError(f"{interface.unit_name}: there is no native unit of this name")
     arrays = {name: np.asarray(values) for name, values in data.items()}
     parts = [*_interface(interface, guid), *write[interface.unit_name](interface, arrays, meta)]
     header = {"BeamPlant": "beam_plant.h", "FlatnessFeedforward": "flatness_feedforward.h",
-              "TrackingController": "tracking_controller.h"}[interface.unit_name]
+              "TrackingController": "tracking_controller.h", "SignalSource": "signal_source.h"}[interface.unit_name]
     return "\n".join([f"/* Generated: the tables of {interface.unit_name}. */", "", "#include <math.h>", "",
                       f'#include "{header}"', "", *parts])
 
@@ -140,6 +141,18 @@ def _controller(interface: Interface, data: Data, meta: Mapping[str, Any]) -> li
         _reals("controller_filter", panels(estimator)),
         _reals("controller_regulator", panels(regulator)),
         _reals("controller_estimates", panels(outputs)),
+    ]
+
+
+def _source(interface: Interface, data: Data, meta: Mapping[str, Any]) -> list[str]:
+    signals = ["{" + ", ".join(f".{name} = {value}" + "u" * (name == "seed") for name, value in entry.items()) + "}"
+               for entry in meta["signals"]]
+    bits = data["bits"].tolist() or [0]
+    return [
+        f"const size_t source_count = {len(signals)};",
+        _list("source_signal source_signals[]", signals, 1),
+        _reals("source_numbers", data["numbers"] if data["numbers"].size else np.zeros(1)),
+        _list("unsigned char source_bits[]", [str(byte) for byte in bits], 24),
     ]
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NoReturn
 
 from fmus.errors import InterfaceError
@@ -228,6 +228,14 @@ class Interface:
     def references(self, array: str) -> range:
         """Value references of an array (u, beam[].tip_mass) or of one scalar variable."""
         return self.arrays[array] if array in self.arrays else range(i := self.reference(array), i + 1)
+
+    def with_starts(self, values: Mapping[str, float | int | bool]) -> Interface:
+        """The same interface with other start values of parameters and inputs; InterfaceError for another variable."""
+        for name in values:
+            if name not in self._references or self[name].causality not in ("parameter", "input"):
+                raise InterfaceError(f"{self.unit_name}: start must be of a parameter or an input, got {name!r}")
+        return replace(self, variables=tuple(replace(v, start=values[v.name]) if v.name in values else v
+                                             for v in self.variables))
 
     def of(self, causality: str) -> tuple[Variable, ...]:
         """The variables of one causality, in order."""

@@ -66,7 +66,7 @@ def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
     faults = error.errors()
     # An unknown key explains a missing one (a slip of the pen), so it comes first.
     fault = next((f for f in faults if f["type"] in ("unexpected_keyword_argument", "extra_forbidden")), faults[0])
-    key, value = key_text(fault["loc"]), fault["input"]
+    key, value = key_text(tuple(p for p in fault["loc"] if not _is_alternative(p))), fault["input"]
     original = fault.get("ctx", {}).get("error")
     if isinstance(original, InputError):
         prefix = f"{key}." if key and not original.key.startswith("[") else key
@@ -77,6 +77,7 @@ def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
     if fault["type"] == "missing":
         return InputError(key, "is missing", source=source)
     rule = _RULES.get(fault["type"]) or fault["msg"].replace("Input should be", "must be", 1)
+    rule = rule.replace("String should match", "must match", 1)
     rule = rule.replace("greater than or equal to", ">=").replace("greater than", "finite and >")
     if fault["type"] in ("too_long", "too_short"):
         bounds = fault["ctx"]
@@ -85,6 +86,11 @@ def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
     rule = rule.replace("less than or equal to", "<=").replace("less than", "<")
     shown = value if isinstance(value, (str, int, float, bool, list)) else type(value).__name__
     return InputError(key, rule, shown, source=source)
+
+
+def _is_alternative(part: int | str) -> bool:
+    """Whether a part of pydantic's place of a fault is no key but the name of one of several allowed types."""
+    return part in ("float", "bool", "int", "str") or str(part).startswith(("list[", "literal["))
 
 
 def _keys_at(kind: type, location: tuple[int | str, ...]) -> list[str]:

@@ -152,6 +152,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RuntimeError, OSError) as error:
         note(f"flexbeams: {error}")
         return 2
+    except MemoryError as error:
+        note(f"flexbeams: not enough memory: {error}")
+        return 2
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from plant.basis import Array
 from plant.errors import InputError, suggestion
 from scenarios.frames import FramePlan, FrameRecorder, Frames
-from scenarios.instance import READ_ORDER, UnitFailure, UnitInstance, element_names
+from scenarios.instance import READ_ORDER, Declared, UnitFailure, UnitInstance, element_names
 from scenarios.interrupt import held_interrupt
 from scenarios.schema import Coupling, Scenario
 from scenarios.signals import Signal, signal_of
@@ -56,12 +56,12 @@ class Plan:
 
 
 class Planner:
-    """Builds a Plan from a scenario and the variables of its instances; InputError names file, key and value.
+    """Builds a Plan from a scenario and what its instances declare; InputError names file, key and value.
 
     `starts` has the start values set by instance; inputs that nothing drives hold theirs.
     """
 
-    def __init__(self, scenario: Scenario, instances: dict[str, UnitInstance], source: str,
+    def __init__(self, scenario: Scenario, instances: Mapping[str, Declared], source: str,
                  starts: Mapping[str, Mapping[str, float | bool]] | None = None) -> None:
         self._scenario, self._instances, self._file, self._starts = scenario, instances, source, starts or {}
 
@@ -92,7 +92,7 @@ class Planner:
                              source=self._file)
         variables = self._instances[owner].variables
         names = element_names(variables, variable)
-        allowed = [n for n in names if causality is None or variables[n].causality == causality]
+        allowed = [n for n in names if variables[n].type != "String" and causality in (None, variables[n].causality)]
         if not allowed:
             kind = causality or "variable"
             known = dict.fromkeys(v.name.split("[")[0] if "]." not in v.name else v.name for v in variables.values()
@@ -179,12 +179,12 @@ class CoSimulation:
         self.stepper: Stepper = stepper(instances, self._wiring) if stepper else self._first
 
     def initialise(self, stop_time: float) -> None:
-        """Initialisation mode of every instance; values pass along the order of the instances, twice."""
+        """Initialisation mode of every instance; values pass through them as often as the longest chain needs."""
         for instance in self._instances.values():
             instance.call("setupExperiment", None, 0.0, stop_time)
             instance.call("enterInitializationMode")
         self._wiring.signals[self._wiring.first_external:] = self._external(0, 1)[0]
-        for _ in range(2):
+        for _ in self._instances:
             for name in self._instances:
                 self._first.exchange(name)
                 self._instances[name].read()

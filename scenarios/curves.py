@@ -86,6 +86,8 @@ def on_one_time(recordings: list[Recording]) -> tuple[Array, list[Array]]:
 
     Recordings of one step share their times and are copied; others are interpolated linearly between their rows.
     """
+    if all(np.array_equal(r.time, recordings[0].time) for r in recordings):
+        return recordings[0].time, [r.values for r in recordings]
     time = np.unique(np.concatenate([r.time for r in recordings]))
     placed = []
     for recording in recordings:

@@ -38,6 +38,14 @@ class UnitFailure(RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Declared:
+    """An instance as its modelDescription declares it, there before the instance itself."""
+
+    description: Any            # with modelName
+    variables: dict[str, Any]   # by name; each with name, type, causality, start, min and max
+
+
+@dataclass(frozen=True, kw_only=True)
 class Port:
     """Value references that a run reads and writes at every step."""
 
@@ -65,10 +73,10 @@ class UnitInstance:
         self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-        self._fmu = FMU2Slave(guid=description.guid, unzipDirectory=str(folder), instanceName=name,
-                              modelIdentifier=description.coSimulation.modelIdentifier)
         self.time = 0.0
         try:
+            self._fmu = FMU2Slave(guid=description.guid, unzipDirectory=str(folder), instanceName=name,
+                                  modelIdentifier=description.coSimulation.modelIdentifier)
             self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
         except Exception as error:
             raise UnitFailure(name, 0.0, "fmi2Instantiate", self.reason or str(error)) from None
@@ -79,7 +87,10 @@ class UnitInstance:
             self._functions[function].argtypes = types
 
     def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-        text = (message or b"").decode("utf-8", "replace").strip()
+        lines = (message or b"").decode("utf-8", "replace").strip().splitlines()
+        if len(lines) > 1 and lines[0].startswith("Fatal py exception encountered"):
+            del lines[0]   # what pythonfmu's wrapper puts before the unit's own text
+        text = " ".join(lines)
         if status > 1:
             self.reason = text
         elif text:

@@ -1,4 +1,4 @@
-"""Ctrl-C held back while units are at work: a unit interrupted in the middle of a call would fail instead."""
+"""Ctrl-C where it must not strike: a unit interrupted in the middle of a call would fail instead of ending a run."""
 
 import signal
 import threading
@@ -24,5 +24,18 @@ def held_interrupt() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, note)
     try:
         yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, outside)
+
+
+@contextmanager
+def deaf_children() -> Iterator[None]:
+    """Processes started inside ignore Ctrl-C from their first moment on, where the system hands that down."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    outside = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGINT, outside)

@@ -8,7 +8,8 @@ from typing import Any
 from controller.design import Design
 from scenarios.formats import Format
 from scenarios.metrics import Outcome
-from scenarios.run import Run, Settings, run_scenario, write_run
+from scenarios.run import Run, run_scenario, write_run
+from scenarios.settings import Settings
 
 DONE, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130   # exit statuses, in this order of severity
 

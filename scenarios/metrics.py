@@ -64,18 +64,30 @@ class Measurement:
             case "end_deviation":
                 value = float(np.max(np.abs(y[-1] - reference)))
             case "largest_change":
+                if len(y) < 2:
+                    raise InputError(f"{key}.after", "must leave more than one row of the run to look at", check.after,
+                                     source=self._source)
                 value = float(np.max(np.abs(np.diff(y, axis=0))))
             case "overshoot":
                 value = float(np.max(overshoots(y, reference)))
             case "overshoot_percent":
-                value = 100 * float(np.max(overshoots(y, reference) / np.abs(reference)))
+                if check.reference not in ("end", "start") and not np.all(reference):
+                    raise InputError(f"{key}.reference", "must not be zero for an overshoot in percent",
+                                     check.reference, source=self._source)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    value = 100 * float(np.max(overshoots(y, reference) / np.abs(reference)))
             case "settling_time":
                 value = settling_time(time, y, reference, check.after, check.share)
             case "motion_settling_time":
                 value = motion_settling_time(time, y, reference, check.after, check.share)
             case "open_loop_peak" | "decay_time" | "decay_ratio":
                 value = self._against_open_loop(check, key, time, y)
-        return 100 * value / float(np.max(np.abs(self._target(check, key)))) if check.relative else value
+        if not check.relative:
+            return value
+        largest = float(np.max(np.abs(self._target(check, key))))
+        if largest == 0:
+            raise InputError(f"{key}.relative", "needs a target other than zero", source=self._source)
+        return 100 * value / largest
 
     def _against_open_loop(self, check: Check, key: str, time: Array, y: Array) -> float:
         """Decay to a share of the open loop's peak; a run without `open_loop` is its own."""
@@ -120,9 +132,20 @@ class Measurement:
         lists = [i.targets for i in self._scenario.input if i.targets]
         if not lists:
             raise InputError(f"{key}.reference", "needs an input with targets", source=self._source)
-        last = np.inf if check.before is None else check.before - 1e-9
-        values = [np.array(t.value) for t in lists[0] if t.time <= last] or [np.zeros(len(lists[0][0].value))]
-        return values[-1][[p - 1 for p in check.points]] if check.points else values[-1]
+        last = self._recording.time[-1] if check.before is None else check.before
+        reached = [t for t in lists[0] if t.time <= last - 1e-9]
+        value = np.array(reached[-1].value) if reached else np.zeros(len(lists[0][0].value))
+        elements = len(column_indices(self._recording.columns, check.of))
+        chosen = list(range(1, elements + 1))
+        if check.of.endswith("]"):
+            chosen = [int(check.of[check.of.rindex("[") + 1:-1])]
+            elements = len(value)
+        elif check.points:
+            chosen = check.points
+        if elements != len(value) or max(chosen) > len(value):
+            raise InputError(f"{key}.of", f"must have the {len(value)} elements of the target", check.of,
+                             source=self._source)
+        return value[[p - 1 for p in chosen]]
 
 
 def standard_metrics(recording: Recording) -> dict[str, float]:

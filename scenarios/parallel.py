@@ -15,6 +15,7 @@ from multiprocessing.synchronize import Event
 
 from controller.design import Design
 from plant.errors import FlexbeamsError
+from scenarios.interrupt import deaf_children
 from scenarios.jobs import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished, Job, execute
 from scenarios.progress import Display
 from scenarios.run import prepare, unit_files
@@ -60,7 +61,7 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Fi
     messages: Queue[Message] = context.Queue()
     stop = context.Event()
     with ProcessPoolExecutor(workers, context, _enter, (messages, stop)) as pool:
-        with _one_thread_each():
+        with deaf_children(), _one_thread_each():
             futures = [pool.submit(_work, number, job, designs) for number, job in enumerate(jobs)]
         following = _Following(jobs, futures, messages, display)
         try:

@@ -1,50 +1,31 @@
 """One run from a scenario to its files: design, units, co-simulation, checks, figures."""
 
-import re
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
-from fmpy import read_model_description
+from fmpy import extract, read_model_description
 
 from controller.design import Design, DesignOptions, compute_design
-from fmus.build import Backend, ensure_units
+from fmus.build import ensure_units
 from plant.basis import Array
-from plant.errors import InputError, suggestion
+from plant.errors import DesignError, InputError
 from plant.galerkin import BasisName, BeamModel
-from plant.structure import Structure, find_structure, read_structure
-from scenarios.cosimulation import CoSimulation, Plan, Planner, Recording
+from plant.structure import find_structure, read_structure
+from scenarios.cosimulation import CoSimulation, Recording
+from scenarios.draft import Draft, draft_run, require_figures, unit_models, with_open_loop
 from scenarios.formats import Format
 from scenarios.frames import plan_frames
-from scenarios.instance import UnitInstance, element_names
+from scenarios.instance import UnitFailure, UnitInstance
 from scenarios.metrics import Measurement, Outcome, standard_metrics
 from scenarios.results import write_results
-from scenarios.schema import Coupling, Scenario, Value, find_scenario, first_comment, read_scenario
-from scenarios.signals import require_sampled
+from scenarios.schema import Scenario, find_scenario, first_comment, read_scenario
+from scenarios.settings import Settings
 from scenarios.stepping import NativeStepper, Stepper, Wiring, stepper_library
-
-BUILD_FOLDER = Path("build/fmus")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What the command line changes of a scenario; None keeps what the scenario says."""
-
-    backend: Backend = "native"
-    compiler: str = "zig"
-    speed: float | None = None       # simulated seconds a second of the wall clock; None: as fast as it goes
-    coupling: Coupling | None = None
-    basis: BasisName | None = None
-    structure: str | None = None
-    stop_time: float | None = None
-    values: dict[str, Value] = field(default_factory=dict)   # <instance>.<variable>, or array, to value
-    decimate: int = 1                # every which step is recorded
-    build_folder: Path = BUILD_FOLDER
-    frames: bool = True              # shapes for the animation are recorded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,9 +58,10 @@ def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None]
     """
     path = find_scenario(name)
     scenario, design = prepare(path, settings, designs)
+    scenario, draft = draft_run(path, scenario, design, settings, report)
     open_loop = None
     if scenario.open_loop is not None:
-        report(f"running {scenario.open_loop} to compare with")
+        report(f"running {Path(scenario.open_loop).stem} to compare with")
         others = {key: value for key, value in settings.values.items() if key.startswith("plant.")}
         open_loop = run_scenario(scenario.open_loop, replace(settings, values=others, frames=False, speed=None),
                                  report=report, progress=progress, designs=[design]).recording
@@ -87,7 +69,8 @@ def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None]
             raise KeyboardInterrupt
         if open_loop.failure is not None:
             raise open_loop.failure
-    recording = co_simulate(path, scenario, design, settings, report, progress)
+        require_figures(scenario, draft.plan.columns, open_loop.columns, str(path))
+    recording = co_simulate(path, scenario, design, settings, draft, report, progress)
     outcomes = Measurement(scenario, str(path), recording, open_loop).outcomes() if recording.complete else []
     return Run(name=path.stem, scenario=scenario, design=design, recording=recording, open_loop=open_loop,
                outcomes=outcomes, summary=_summary(path.stem, scenario, design, settings, recording, outcomes),
@@ -96,10 +79,12 @@ def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None]
 
 def prepare(path: Path, settings: Settings, designs: Sequence[Design] = ()) -> tuple[Scenario, Design]:
     """The scenario with the settings applied, and its design; targets out of reach are refused here."""
-    scenario = read_scenario(path)
+    scenario = with_open_loop(read_scenario(path), path)
     if settings.coupling:
         scenario = replace(scenario, coupling=settings.coupling)
     if settings.stop_time:
+        if not math.isfinite(settings.stop_time):
+            raise InputError("", "must be finite and > 0", settings.stop_time, source="--stop-time")
         scenario = replace(scenario, stop_time=settings.stop_time)
     if settings.basis:
         scenario = replace(scenario, design=_on_basis(scenario.design, settings.basis))
@@ -110,8 +95,11 @@ def prepare(path: Path, settings: Settings, designs: Sequence[Design] = ()) -> t
         raise error.at("--structure" if settings.structure else source) from None
     structure = read_structure(structure_path)
     fitting = (d for d in designs if d.structure == structure and d.options == scenario.design)
-    design = next(fitting, None) or compute_design(structure, scenario.design)
-    _check_targets(scenario, structure, design, source)
+    try:
+        design = next(fitting, None) or compute_design(structure, scenario.design)
+    except DesignError as error:
+        raise DesignError(f"{source}: design of {structure_path}: {error}") from None
+    _check_targets(scenario, design, settings, source)
     return scenario, design
 
 
@@ -120,7 +108,7 @@ def _on_basis(options: DesignOptions, basis: BasisName) -> DesignOptions:
     return options if options.basis == basis else replace(options, basis=basis, order=None, output_weight=None)
 
 
-def _check_targets(scenario: Scenario, structure: Structure, design: Design, source: str) -> None:
+def _check_targets(scenario: Scenario, design: Design, settings: Settings, source: str) -> None:
     """InputError for a target that the voltage limit does not allow at rest."""
     inverse = design.arrays["static_inverse"]
     for k, signal in enumerate(scenario.input, 1):
@@ -128,7 +116,9 @@ def _check_targets(scenario: Scenario, structure: Structure, design: Design, sou
         instance = scenario.instance.get(owner)
         if instance is None or instance.unit != "FlatnessFeedforward" or variable != "y_target":
             continue
-        limit = float(np.max(np.atleast_1d(instance.start.get("voltage_limit", design.options.voltage_limit))))
+        limit = settings.values.get(f"{owner}.voltage_limit", instance.start.get("voltage_limit"))
+        if isinstance(limit, bool) or not isinstance(limit, (int, float)):
+            limit = design.options.voltage_limit   # a value of another type is refused where start values are
         for t, target in enumerate(signal.targets or [], 1):
             if len(target.value) != inverse.shape[1]:
                 raise InputError(f"input[{k}].targets[{t}].value", f"must have {inverse.shape[1]} values, one for each "
@@ -140,45 +130,41 @@ def _check_targets(scenario: Scenario, structure: Structure, design: Design, sou
                                  f"{limit:g} V", target.value, source=source)
 
 
-def co_simulate(path: Path, scenario: Scenario, design: Design, settings: Settings, report: Callable[[str], None],
-                progress: Callable[[int, int], None]) -> Recording:
+def co_simulate(path: Path, scenario: Scenario, design: Design, settings: Settings, draft: Draft,
+                report: Callable[[str], None], progress: Callable[[int, int], None]) -> Recording:
     """Builds what is missing, wires the instances and steps them."""
-    step = scenario.step or design.options.sample_time
-    steps = round(scenario.stop_time / step)
-    if steps < 1 or abs(steps * step - scenario.stop_time) > 1e-6 * step:
-        raise InputError("stop_time", f"must be a whole number of steps of {step:g} s", scenario.stop_time,
-                         source="--stop-time" if settings.stop_time else str(path))
-    for k, drive in enumerate(scenario.input, 1):
-        try:
-            require_sampled(drive, step)
-        except InputError as error:
-            raise error.at(str(path), f"input[{k}].") from None
-    files = unit_files(path, scenario, design, settings, report)
+    plan, steps = draft.plan, draft.steps
+    files = unit_files(path, scenario, design, settings, report, draft.models)
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         instances: dict[str, UnitInstance] = {}
         try:
             for name, file in files.items():
-                unzipped = fmpy.extract(str(file), unzipdir=str(Path(folder) / name))
-                description = read_model_description(unzipped, validate=False)
-                if description.coSimulation is None or description.fmiVersion != "2.0":
-                    raise InputError(f"instance.{name}.fmu", "must be an FMI 2.0 co-simulation unit", str(file),
-                                     source=str(path))
-                instances[name] = UnitInstance(name, Path(unzipped), description, report)
-            _require_one_design(instances, str(path))
-            starts = start_values(scenario, instances, settings, str(path))
-            plan = Planner(scenario, instances, str(path), starts).plan()
-            _require_open(plan, settings)
+                instances[name] = _instance(name, file, Path(folder) / name, str(path), report)
             if settings.frames:
                 plan.frames = plan_frames(instances, plan.sources, plan.inputs)
-            for name, values in starts.items():
-                for variable, value in values.items():
-                    instances[name].set_start(variable, value)
-            simulation = CoSimulation(instances, plan, step, scenario.coupling, _stepper(instances, settings, steps))
-            simulation.initialise(scenario.stop_time)
+            simulation = CoSimulation(instances, plan, draft.step, scenario.coupling,
+                                      _stepper(instances, settings, steps))
+            try:
+                for name, values in draft.starts.items():
+                    for variable, value in values.items():
+                        instances[name].set_start(variable, value)
+                simulation.initialise(scenario.stop_time)
+            except UnitFailure as failure:
+                raise InputError("", str(failure), source=str(path)) from None
             return simulation.run(steps, lambda done: progress(done, steps), settings.decimate)
         finally:
             for instance in instances.values():
                 instance.close()
+
+
+def _instance(name: str, file: Path, folder: Path, source: str, report: Callable[[str], None]) -> UnitInstance:
+    """An instance of an FMU's file, extracted to a folder."""
+    try:
+        extract(str(file), unzipdir=str(folder))
+        return UnitInstance(name, folder, read_model_description(str(folder), validate=False), report)
+    except Exception as error:
+        reason = " ".join((str(error).strip() or type(error).__name__).splitlines())
+        raise InputError(f"instance.{name}", f"cannot be loaded from {file}: {reason}", source=source) from None
 
 
 def _stepper(instances: Mapping[str, UnitInstance], settings: Settings,
@@ -193,88 +179,15 @@ def _stepper(instances: Mapping[str, UnitInstance], settings: Settings,
     return lambda connected, wiring: NativeStepper(connected, wiring, library, pace, steps)
 
 
-def unit_files(path: Path, scenario: Scenario, design: Design, settings: Settings,
-               report: Callable[[str], None]) -> dict[str, Path]:
-    """The FMU of every instance, in the order of the scenario; missing ones are built."""
-    given: dict[str, Path] = {}
-    wanted: dict[str, tuple[str, BeamModel]] = {}
-    for name, instance in scenario.instance.items():
-        if instance.unit is None:
-            given[name] = path.parent / str(instance.fmu)
-            if not given[name].is_file():
-                raise InputError(f"instance.{name}.fmu", "must be a file", str(given[name]), source=str(path))
-            continue
-        try:
-            wanted[name] = instance.unit, design.model(None if settings.basis else instance.basis, instance.order)
-        except ValueError as error:
-            raise InputError(f"instance.{name}", str(error), source=str(path)) from None
+def unit_files(path: Path, scenario: Scenario, design: Design, settings: Settings, report: Callable[[str], None],
+               models: Mapping[str, BeamModel] | None = None) -> dict[str, Path]:
+    """The FMU of every instance, in the order of the scenario; missing ones are built, with `models` where given."""
+    models = models or unit_models(path, scenario, design, settings)
+    wanted = {name: (str(scenario.instance[name].unit), model) for name, model in models.items()}
     built = ensure_units(wanted, design, settings.build_folder, report, backend=settings.backend,
                          compiler=settings.compiler)
-    return {name: given.get(name) or built[name] for name in scenario.instance}
-
-
-def _require_one_design(instances: dict[str, UnitInstance], source: str) -> None:
-    designs = {name: str(i.get("design_id")) for name, i in instances.items() if "design_id" in i.variables}
-    if len(set(designs.values())) > 1:
-        listed = ", ".join(f"{name} has {value[:12]}" for name, value in designs.items())
-        raise InputError("instance", f"units must be of one design (design_id): {listed}; build them together",
-                         source=source)
-
-
-def start_values(scenario: Scenario, instances: dict[str, UnitInstance], settings: Settings,
-                 source: str) -> dict[str, dict[str, float | bool]]:
-    """Start values of each instance: its scale factors, then its start table, then --set."""
-    values: dict[str, dict[str, float | bool]] = {name: {} for name in instances}
-    for name, instance in scenario.instance.items():
-        variables = instances[name].variables
-        for key, factor in instance.scale.items():
-            where = f"instance.{name}.scale.{key}"
-            for variable, f in _spread(where, key, factor, variables, source):
-                values[name][variable] = float(variables[variable].start) * float(f)
-        for key, value in instance.start.items():
-            values[name] |= dict(_spread(f"instance.{name}.start.{key}", key, value, variables, source))
-    for key, value in settings.values.items():
-        owner, _, variable = key.partition(".")
-        if owner not in instances:
-            raise InputError("--set", f"names an unknown instance {owner!r}" + suggestion(owner, instances), key)
-        values[owner] |= dict(_spread("--set", variable, value, instances[owner].variables, ""))
-    return values
-
-
-def _require_open(plan: Plan, settings: Settings) -> None:
-    """InputError for a --set of an input that a connection or a signal drives: it would never be seen."""
-    external = {place for span, signal in plan.external if isinstance(signal, float)
-                for place in range(span.start, span.stop)}
-    for key in settings.values:
-        owner, _, variable = key.removesuffix("[]").partition(".")
-        driven = [n for n, place in plan.inputs[owner] if place not in external]
-        if any(n == variable or n.startswith(f"{variable}[") for n in driven):
-            raise InputError("--set", "must not set an input that the scenario drives", key)
-
-
-def _spread(where: str, key: str, value: Any, variables: dict[str, Any], source: str) -> list[tuple[str, Any]]:
-    """A value for a scalar, an array (name) or all numbers of a family (name with []), as pairs by scalar."""
-    if "[]" in key:
-        head, tail = key.split("[]", 1)
-        names = [n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}")]
-    else:
-        names = element_names(variables, key)
-    settable = [n for n in names if variables[n].causality in ("parameter", "input")]
-    if not settable:
-        known = [re.sub(r"\[[0-9,]+\]$", "", re.sub(r"\[[0-9,]+\]\.", "[].", n)) for n, v in variables.items()
-                 if v.causality in ("parameter", "input")]   # arrays and families, not each of their numbers
-        rule = "is not settable" if names else "is not a variable" + suggestion(key, known)
-        raise InputError(where, rule, key, source=source)
-    listed = value if isinstance(value, list) else [value] * len(settable)
-    if len(listed) != len(settable):
-        raise InputError(where, f"must have {len(settable)} values", value, source=source)
-    for name, v in zip(settable, listed, strict=True):
-        kind, low, high = variables[name].type, variables[name].min, variables[name].max
-        if isinstance(v, bool) != (kind == "Boolean") or (kind == "Integer" and v != int(v)):
-            raise InputError(where, f"must be of type {kind}", v, source=source)
-        if (low is not None and v < float(low)) or (high is not None and v > float(high)):
-            raise InputError(where, f"must be from {low or '-inf'} to {high or 'inf'}", v, source=source)
-    return list(zip(settable, listed, strict=True))
+    return {name: built[name] if name in built else path.parent / str(instance.fmu)
+            for name, instance in scenario.instance.items()}
 
 
 def _summary(name: str, scenario: Scenario, design: Design, settings: Settings, recording: Recording,
@@ -324,5 +237,3 @@ def write_run(run: Run, folder: Path, figures: bool = True, report: bool = True,
         from scenarios.report import write_report
 
         write_report(run, folder)
-
-

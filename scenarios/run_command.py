@@ -81,8 +81,8 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
     with Display(names) as display:
         from scenarios.formats import require_formats
         from scenarios.jobs import Job, execute
-        from scenarios.run import Settings
         from scenarios.schema import find_scenario, read_scenario
+        from scenarios.settings import Settings
 
         for k, scenario in enumerate(scenarios):
             read_scenario(find_scenario(scenario))

@@ -18,6 +18,7 @@ Coupling = Literal["jacobi", "gauss-seidel"]
 Value = Finite | bool | list[Finite]
 Measure = Literal["largest", "end_deviation", "largest_change", "overshoot", "overshoot_percent", "settling_time",
                   "motion_settling_time", "decay_time", "decay_ratio", "open_loop_peak"]
+Row = Annotated[list[str], Field(min_length=1)]   # of a figure: signals drawn over each other
 SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targets")   # of an input
 
 
@@ -151,13 +152,17 @@ class Check:
     after: NonNegative = 0.0                             # s, start of the window
     before: Positive | None = None                       # s, end of the window, default the end of the run
     reference: Literal["zero", "target", "end", "start"] | list[Finite] = "zero"
-    points: list[Index] | None = None                    # elements of the array that count
+    points: Annotated[list[Index], Field(min_length=1)] | None = None   # elements of the array that count
     share: Positive = 0.02                               # band of a settling or decay time
     relative: bool = False                               # in % of the largest |target|
     unit: str = ""
     min: Finite | None = None
     max: Finite | None = None
     paper: Finite | str | None = None
+
+    def __post_init__(self) -> None:
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise InputError("min", f"must be <= max ({self.max:g})", self.min)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
@@ -166,8 +171,8 @@ class Figure:
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
     title: str = ""
-    rows: Annotated[list[list[str]], Field(min_length=1)]   # signals over each other; open_loop.<signal>: of that run
-    points: list[Index] | None = None                       # columns
+    rows: Annotated[list[Row], Field(min_length=1)]   # open_loop.<signal>: of that run
+    points: Annotated[list[Index], Field(min_length=1)] | None = None   # columns
     start: NonNegative = 0.0                                # s
     stop: Positive | None = None                            # s
 

@@ -60,7 +60,7 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
         head, tail = key.split("[]", 1)
         names = [n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}")]
     else:
-        names = element_names(variables, key)
+        names = element_names(dict(variables), key)
     settable = [n for n in names if variables[n].causality in ("parameter", "input")]
     if not settable:
         known = [re.sub(r"\[[0-9,]+\]$", "", re.sub(r"\[[0-9,]+\]\.", "[].", n)) for n, v in variables.items()

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from controller.design import Design
@@ -22,7 +23,7 @@ def show_checks(finished: Finished) -> None:
     """Each check beside the paper's figure, and where the results are."""
     out = console()
     if finished.title:
-        out.print(finished.title, style="bold", soft_wrap=True)
+        out.print(escape(finished.title), style="bold", soft_wrap=True)
     table = Table()
     table.add_column("check")
     for heading in ("measured", "limit", "paper"):
@@ -31,14 +32,14 @@ def show_checks(finished: Finished) -> None:
     for o in finished.outcomes:
         limited = o.minimum is not None or o.maximum is not None
         verdict = "" if not limited else "[green]ok[/]" if o.passed else "[red bold]FAILED[/]"
-        table.add_row(o.name, number(o.value, o.unit), limits(o.minimum, o.maximum, o.unit),
-                      number(o.paper, o.unit), verdict)
+        texts = (o.name, number(o.value, o.unit), limits(o.minimum, o.maximum, o.unit), number(o.paper, o.unit))
+        table.add_row(*map(escape, texts), verdict)
     if finished.outcomes:
         out.print(table)
     if finished.timing is not None:
         out.print(f"{finished.timing['steps']} steps in {finished.timing['wall_s']:.2f} s"
                   + (f", {finished.factor} times real time" if finished.factor else "")
-                  + f"; results in {finished.folder}", soft_wrap=True)
+                  + f"; results in {escape(str(finished.folder))}", soft_wrap=True)
         if late := finished.timing.get("lateness"):
             shown = {key: f"{1e6 * late[key]:.0f} µs" for key in ("median", "p99", "p99.99", "max")}
             out.print(f"late at the start of a step: median {shown['median']}, 99 % {shown['p99']}, 99.99 % "

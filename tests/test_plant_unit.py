@@ -1,6 +1,7 @@
 """BeamPlant against the exact solution of M q'' + D q' + K q = L u + F force, set up here on its own."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -82,8 +83,8 @@ def expected(motion: Motion, inputs: Real, step: float = SAMPLE) -> Real:
 
 def assert_close(found: Real, wanted: Real, model: BeamModel, tolerance: float) -> None:
     """Each of y_pi, y_pm, w and energy to `tolerance` of its largest magnitude."""
-    sizes = np.cumsum([0, len(model.deflection), len(model.strain), model.stations.shape[0] * model.stations.shape[1], 1])
-    for start, stop in zip(sizes[:-1], sizes[1:], strict=True):
+    r, stations, _ = model.stations.shape
+    for start, stop in pairwise(np.cumsum([0, len(model.deflection), len(model.strain), r * stations, 1])):
         scale = np.abs(wanted[:, start:stop]).max()
         assert scale > 0
         assert np.abs(found[:, start:stop] - wanted[:, start:stop]).max() <= tolerance * scale
