@@ -9,6 +9,7 @@ from typing import Literal
 from controller.design import Design
 from fmus.data import unit_data
 from fmus.interface import UNITS, interface_of
+from fmus.native_backend import NativeUnit, build_native_units
 from plant.galerkin import BeamModel
 
 Backend = Literal["native", "python"]
@@ -23,16 +24,14 @@ def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: 
                 platforms: Sequence[str] = ("host",), compiler: str = "zig") -> list[Path]:
     """Builds units into folder/<backend>/<Unit>.fmu and returns the files.
 
-    `model` is the plant's, of the design's structure and any basis. `platforms` and `compiler` are for native units, see
-    fmus.native_backend.build_native_units. Raises BuildError where a tool is missing or fails.
+    `model` is the plant's, of the design's structure and any basis. `platforms` and `compiler` are for native units,
+    see fmus.native_backend.build_native_units. Raises BuildError where a tool is missing or fails.
     """
     parts = []
     for name in names:
         interface = interface_of(name, design, model)
         parts.append((interface, *unit_data(interface, design, model), folder / backend / f"{name}.fmu"))
     if backend == "native":
-        from fmus.native_backend import NativeUnit, build_native_units
-
         return build_native_units([NativeUnit(interface=i, data=d, meta=m, out=out) for i, d, m, out in parts],
                                   platforms, compiler, version=version("flexbeams"))
     from fmus.python_backend import PythonUnit, build_python_units
@@ -61,7 +60,8 @@ def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "z
 
 
 def ensure_units(wanted: Mapping[str, tuple[str, BeamModel]], design: Design, root: Path,
-                 report: Callable[[str], None], *, backend: Backend = "native", compiler: str = "zig") -> dict[str, Path]:
+                 report: Callable[[str], None], *, backend: Backend = "native",
+                 compiler: str = "zig") -> dict[str, Path]:
     """The file of each instance, given its unit and model; units that are missing or stale are built first."""
     files: dict[str, Path] = {}
     missing: dict[Path, tuple[BeamModel, set[str]]] = {}

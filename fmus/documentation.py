@@ -83,6 +83,22 @@ The unit runs on its own clock, whose period is the sample time of the design. T
 are for the time at its end, computed from the measurement at its start: one sample of delay is part of the
 design. Ticks inside a longer step see the inputs held; a step shorter than the period holds some ticks or none.
 """),
+    "SignalSource": Chapter(
+        equations="""
+Outputs are functions of time, set by the parameters. A pulse is half a sine with the integral I over the duration T; a
+chirp has amplitude a and a frequency that runs from f_0 to f_1, linearly or as a power of time:
+= p(t) = (π I / (2 T)) sin(π (t−t_0) / T)
+= c(t) = a sin(2 π ∫_{t_0}^t f(s) d s) ; f(s) = f_0 + (f_1 − f_0) (s−t_0) / T ; f(s) = f_0 (f_1 / f_0)^{(s−t_0) / T}
+Targets hold from their times on. Pseudo-random levels hold for a while each: +a and −a by a maximum-length sequence, or
+evenly distributed by the counter-based generator Philox 4x64. The rows of a table are held or joined by lines. A time
+counts as reached from 1 ns before on.
+""",
+        timing="""
+Outputs after a step, and after the initialisation, are those of its end: a master that exchanges values before each
+step gives the other units the signals of the step's start. A master that passes on new values within a step
+(Gauss-Seidel) must step this unit last; stepped first, every signal comes one step early. A time
+that is a multiple of the step size up to the rounding of the host's clock is taken as that multiple.
+"""),
 }
 
 

@@ -1,6 +1,7 @@
 """TOML tables into checked dataclasses, with one-line errors that name file, key, rule and value."""
 
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -84,6 +85,9 @@ def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
         rule = f"must have {bounds.get('max_length', bounds.get('min_length'))} entries"
         rule = rule.replace("have", "have at most" if fault["type"] == "too_long" else "have at least")
     rule = rule.replace("less than or equal to", "<=").replace("less than", "<")
+    if fault["type"] == "literal_error" and isinstance(value, str):
+        near = get_close_matches(value, fault["ctx"]["expected"].split("'")[1::2], n=1, cutoff=0.5)
+        rule += f"; did you mean {near[0]!r}?" if near else ""
     shown = value if isinstance(value, (str, int, float, bool, list)) else type(value).__name__
     return InputError(key, rule, shown, source=source)
 

@@ -9,6 +9,7 @@ import click
 
 from plant.errors import FlexbeamsError, InputError
 from scenarios.compare_command import compare
+from scenarios.export_command import export
 from scenarios.options import BASES, UNIT_NAMES, compiler_option, note, structure_option
 from scenarios.run_command import run
 
@@ -25,6 +26,7 @@ def commands() -> None:
 
 commands.add_command(run)
 commands.add_command(compare)
+commands.add_command(export)
 
 
 @commands.command()

@@ -96,7 +96,7 @@ class Planner:
         if not allowed:
             kind = causality or "variable"
             known = dict.fromkeys(v.name.split("[")[0] if "]." not in v.name else v.name for v in variables.values()
-                                  if causality is None or v.causality == causality)
+                                  if v.type != "String" and causality in (None, v.causality))
             hint = suggestion(variable.split("[")[0], known)
             raise InputError(key, f"names no {kind} {variable!r} of {owner}{hint}", text, source=self._file)
         return owner, allowed

@@ -1,14 +1,13 @@
 """A run before its units are built: every name, size and value of a scenario is looked at here first."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from fmpy import read_model_description
 
 from controller.design import Design
 from fmus.interface import interface_of
@@ -16,6 +15,7 @@ from plant.errors import InputError
 from plant.galerkin import BeamModel
 from scenarios.cosimulation import Plan, Planner, Recording
 from scenarios.curves import figure_curve
+from scenarios.extraction import unit_description
 from scenarios.instance import Declared
 from scenarios.metrics import Measurement
 from scenarios.schema import Scenario, find_scenario, read_scenario
@@ -35,6 +35,7 @@ class Draft:
     models: dict[str, BeamModel]               # of the instances whose units are built
     starts: dict[str, dict[str, float | bool]]
     plan: Plan
+    instances: dict[str, Declared]
 
 
 def draft_run(path: Path, scenario: Scenario, design: Design, settings: Settings,
@@ -45,11 +46,7 @@ def draft_run(path: Path, scenario: Scenario, design: Design, settings: Settings
     """
     source = str(path)
     step = scenario.step or design.options.sample_time
-    ratio = scenario.stop_time / step
-    steps = round(ratio) if math.isfinite(ratio) else 0
-    if steps < 1 or abs(steps * step - scenario.stop_time) > 1e-6 * step:
-        raise InputError("stop_time", f"must be a whole number of steps of {step:g} s", scenario.stop_time,
-                         source="--stop-time" if settings.stop_time else source)
+    steps = whole_steps(scenario.stop_time, step, settings, source)
     for k, drive in enumerate(scenario.input, 1):
         try:
             require_sampled(drive, step)
@@ -57,20 +54,36 @@ def draft_run(path: Path, scenario: Scenario, design: Design, settings: Settings
             raise error.at(source, f"input[{k}].") from None
     models = unit_models(path, scenario, design, settings)
     instances = {name: _declared(name, path, scenario, design, models) for name in scenario.instance}
-    _require_one_design(instances, source)
+    require_one_design(instances, source)
     starts = start_values(scenario, instances, settings.values, source)
     plan = Planner(scenario, instances, source, starts).plan()
     require_open(plan, settings.values)
-    size = 8 * (len(plan.columns) + 1) * (-(-steps // settings.decimate) + 1)
-    if size > LARGEST:
-        raise InputError("stop_time", f"must leave at most {LARGEST / 1e9:.2g} GB of recorded values, {steps:.3g} steps "
-                         f"make {size / 1e9:.3g} GB; record less of them with --decimate", scenario.stop_time,
-                         source="--stop-time" if settings.stop_time else source)
+    require_room(plan, steps, scenario.stop_time, settings, source)
     scenario = _reached(scenario, settings, source, report)
     blank = _blank(scenario, plan.columns)
     Measurement(scenario, source, blank, blank).outcomes()
     require_figures(scenario, plan.columns, None, source)
-    return scenario, Draft(step=step, steps=steps, models=models, starts=starts, plan=plan)
+    return scenario, Draft(step=step, steps=steps, models=models, starts=starts, plan=plan,
+                           instances=instances)
+
+
+def whole_steps(stop_time: float, step: float, settings: Settings, source: str) -> int:
+    """Number of steps up to the stop time; InputError where it is none."""
+    ratio = stop_time / step
+    steps = round(ratio) if math.isfinite(ratio) else 0
+    if steps < 1 or abs(steps * step - stop_time) > 1e-6 * step:
+        raise InputError("stop_time", f"must be a whole number of steps of {step:g} s", stop_time,
+                         source="--stop-time" if settings.stop_time else source)
+    return steps
+
+
+def require_room(plan: Plan, steps: int, stop_time: float, settings: Settings, source: str) -> None:
+    """InputError for a recording that would not fit into memory."""
+    size = 8 * (len(plan.columns) + 1) * (-(-steps // settings.decimate) + 1)
+    if size > LARGEST:
+        raise InputError("stop_time", f"must leave at most {LARGEST / 1e9:.2g} GB of recorded values, {steps:.3g} "
+                         f"steps make {size / 1e9:.3g} GB; record less of them with --decimate", stop_time,
+                         source="--stop-time" if settings.stop_time else source)
 
 
 def require_figures(scenario: Scenario, columns: list[str], open_loop: list[str] | None, source: str) -> None:
@@ -122,23 +135,18 @@ def _declared(name: str, path: Path, scenario: Scenario, design: Design, models:
     instance = scenario.instance[name]
     if instance.unit is not None:
         variables = {v.name: SimpleNamespace(name=v.name, type=v.type, causality=v.causality, start=v.start,
-                                             min=v.minimum, max=v.maximum)
+                                             min=v.minimum, max=v.maximum, unit=v.unit, nominal=v.nominal)
                      for v in interface_of(instance.unit, design, models[name])}
         return Declared(description=SimpleNamespace(modelName=instance.unit), variables=variables)
     key, file = f"instance.{name}.fmu", path.parent / str(instance.fmu)
     if not file.is_file():
         raise InputError(key, "must be a file", str(file), source=str(path))
-    try:
-        description = read_model_description(str(file), validate=False)
-    except Exception as error:
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise InputError(key, f"must be an FMU ({reason})", str(file), source=str(path)) from None
-    if description.coSimulation is None or description.fmiVersion != "2.0":
-        raise InputError(key, "must be an FMI 2.0 co-simulation unit", str(file), source=str(path))
+    description = unit_description(file, key, str(path))
     return Declared(description=description, variables={v.name: v for v in description.modelVariables})
 
 
-def _require_one_design(instances: dict[str, Declared], source: str) -> None:
+def require_one_design(instances: Mapping[str, Declared], source: str) -> None:
+    """InputError for units that were not designed together."""
     designs = {name: str(i.variables["design_id"].start) for name, i in instances.items() if "design_id" in i.variables}
     if len(set(designs.values())) > 1:
         listed = ", ".join(f"{name} has {value[:12]}" for name, value in designs.items())

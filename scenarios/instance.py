@@ -34,7 +34,7 @@ class UnitFailure(RuntimeError):
     """A unit refused a call; names instance, time, function and what the unit logged."""
 
     def __init__(self, instance: str, time: float, function: str, reason: str) -> None:
-        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {reason}")
+        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {reason.removeprefix(f'{function}: ')}")
 
 
 @dataclass(frozen=True, kw_only=True)

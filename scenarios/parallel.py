@@ -6,7 +6,7 @@ import queue
 import signal
 import time as clock
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -15,7 +15,7 @@ from multiprocessing.synchronize import Event
 
 from controller.design import Design
 from plant.errors import FlexbeamsError
-from scenarios.interrupt import deaf_children
+from scenarios.interrupt import deaf_children, held_interrupt
 from scenarios.jobs import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished, Job, execute
 from scenarios.progress import Display
 from scenarios.run import prepare, unit_files
@@ -64,20 +64,22 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Fi
         with deaf_children(), _one_thread_each():
             futures = [pool.submit(_work, number, job, designs) for number, job in enumerate(jobs)]
         following = _Following(jobs, futures, messages, display)
-        try:
-            following.until_done()
-        except KeyboardInterrupt:
-            display.note("interrupted, ending all runs (once more: at once)")
-            stop.set()
-            following.interrupted = True
-            for future in futures:
-                future.cancel()
-            try:
-                following.until_done()
-            except KeyboardInterrupt:
-                for process in multiprocessing.active_children():
-                    process.terminate()
-                following.until_done()
+        with held_interrupt() as interrupted:   # an exception in the middle of a message would garble the next ones
+            while not following.done and not interrupted():
+                following.follow()
+            if not following.done:
+                display.note("interrupted, ending all runs (once more: at once)")
+                stop.set()
+                for future in futures:
+                    future.cancel()
+                try:
+                    while not following.done:
+                        following.follow()
+                except KeyboardInterrupt:
+                    for process in multiprocessing.active_children():
+                        process.terminate()
+                    wait(futures)
+                    following.give_up()
     return following.finished
 
 
@@ -87,7 +89,6 @@ class _Following:
     def __init__(self, jobs: Sequence[Job], futures: list[Future[Finished]], messages: "Queue[Message]",
                  display: Display) -> None:
         self._jobs, self._futures, self._messages, self._display = jobs, futures, messages, display
-        self.interrupted = False
         self._ended: set[int] = set()
         self._over: dict[int, Finished] = {}
 
@@ -96,24 +97,36 @@ class _Following:
         """The ends of the jobs, in their order."""
         return [self._over[number] for number in range(len(self._jobs))]
 
-    def until_done(self) -> None:
-        """Returns when all are over and all that they told is shown."""
-        while len(self._over) < len(self._futures):
-            self._take(timeout=0.1)
-            for number, future in enumerate(self._futures):
-                lost = future.cancelled() or (future.done() and future.exception() is not None)
-                if number not in self._over and (lost or (future.done() and number in self._ended)):
-                    self._over[number] = self._result(future, self._jobs[number].name)
-                    self._display.end(self._jobs[number].name, outline(self._over[number]))
+    @property
+    def done(self) -> bool:
+        """All are over, and all that they told is shown."""
+        return len(self._over) == len(self._futures)
 
-    def _result(self, future: Future[Finished], name: str) -> Finished:
+    def follow(self) -> None:
+        """Takes one message, or waits a moment for one."""
+        self._take(timeout=0.1)
+        for number, future in enumerate(self._futures):
+            lost = future.cancelled() or (future.done() and future.exception() is not None)
+            if number not in self._over and (lost or (future.done() and number in self._ended)):
+                self._end(number, self._result(future, number))
+
+    def give_up(self) -> None:
+        """Takes the rest as ended without results; their messages may be broken off."""
+        for number, job in enumerate(self._jobs):
+            if number not in self._over:
+                self._end(number, Finished(name=job.name, status=INTERRUPTED, message="ended at once"))
+
+    def _end(self, number: int, finished: Finished) -> None:
+        self._over[number] = finished
+        self._display.end(finished.name, outline(finished))
+
+    def _result(self, future: Future[Finished], number: int) -> Finished:
+        name = self._jobs[number].name
         if future.cancelled():
             return Finished(name=name, status=INTERRUPTED, message="not run")
         try:
             return future.result()
         except BrokenProcessPool:
-            if self.interrupted:
-                return Finished(name=name, status=INTERRUPTED, message="ended at once, without results")
             return Finished(name=name, status=FAILED, message="its process, or one beside it, was ended from outside")
 
     def _take(self, timeout: float) -> None:

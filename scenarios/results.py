@@ -16,8 +16,12 @@ from scenarios.formats import FORMATS, Format, write_mat, write_parquet
 
 def write_results(folder: Path, recording: Recording, summary: dict[str, Any],
                   formats: Sequence[Format] = ("csv",)) -> None:
-    """results.<format> for each format, and summary.json; an earlier run's results in other formats go."""
+    """results.<format> for each format, then summary.json; an earlier run's summary and other formats go before.
+
+    Where summary.json is missing, the run did not get as far as that.
+    """
     summary = _plain(summary)
+    (folder / "summary.json").unlink(missing_ok=True)
     writers = {"csv": write_csv, "parquet": write_parquet, "mat": write_mat}
     for kind in FORMATS:
         path = folder / f"results.{kind}"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fmpy import extract, read_model_description
+from fmpy import read_model_description
 
 from controller.design import Design, DesignOptions, compute_design
 from fmus.build import ensure_units
@@ -16,6 +16,7 @@ from plant.basis import Array
 from plant.errors import DesignError, InputError
 from plant.galerkin import BasisName, BeamModel
 from plant.structure import find_structure, read_structure
+from scenarios.archives import Allowance
 from scenarios.cosimulation import CoSimulation, Recording
 from scenarios.draft import Draft, draft_run, require_figures, unit_models, with_open_loop
 from scenarios.formats import Format
@@ -72,9 +73,9 @@ def run_scenario(name: str, settings: Settings, *, report: Callable[[str], None]
         require_figures(scenario, draft.plan.columns, open_loop.columns, str(path))
     recording = co_simulate(path, scenario, design, settings, draft, report, progress)
     outcomes = Measurement(scenario, str(path), recording, open_loop).outcomes() if recording.complete else []
+    summary = run_summary(path.stem, scenario, design.design_id, settings, recording, outcomes)
     return Run(name=path.stem, scenario=scenario, design=design, recording=recording, open_loop=open_loop,
-               outcomes=outcomes, summary=_summary(path.stem, scenario, design, settings, recording, outcomes),
-               settings=settings, about=first_comment(path))
+               outcomes=outcomes, summary=summary, settings=settings, about=first_comment(path))
 
 
 def prepare(path: Path, settings: Settings, designs: Sequence[Design] = ()) -> tuple[Scenario, Design]:
@@ -86,6 +87,8 @@ def prepare(path: Path, settings: Settings, designs: Sequence[Design] = ()) -> t
         if not math.isfinite(settings.stop_time):
             raise InputError("", "must be finite and > 0", settings.stop_time, source="--stop-time")
         scenario = replace(scenario, stop_time=settings.stop_time)
+    if settings.step:
+        scenario = replace(scenario, step=settings.step)
     if settings.basis:
         scenario = replace(scenario, design=_on_basis(scenario.design, settings.basis))
     source = str(path)
@@ -133,13 +136,20 @@ def _check_targets(scenario: Scenario, design: Design, settings: Settings, sourc
 def co_simulate(path: Path, scenario: Scenario, design: Design, settings: Settings, draft: Draft,
                 report: Callable[[str], None], progress: Callable[[int, int], None]) -> Recording:
     """Builds what is missing, wires the instances and steps them."""
-    plan, steps = draft.plan, draft.steps
     files = unit_files(path, scenario, design, settings, report, draft.models)
+    return step_units(files, draft, scenario, settings, str(path), report, progress)
+
+
+def step_units(files: Mapping[str, Path], draft: Draft, scenario: Scenario, settings: Settings, source: str,
+               report: Callable[[str], None], progress: Callable[[int, int], None],
+               allowance: Allowance | None = None) -> Recording:
+    """Loads the units of the instances and steps them by the plan; `allowance` bounds what is extracted in all."""
+    plan, steps = draft.plan, draft.steps
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         instances: dict[str, UnitInstance] = {}
         try:
             for name, file in files.items():
-                instances[name] = _instance(name, file, Path(folder) / name, str(path), report)
+                instances[name] = _instance(name, file, Path(folder) / name, source, report, allowance or Allowance())
             if settings.frames:
                 plan.frames = plan_frames(instances, plan.sources, plan.inputs)
             simulation = CoSimulation(instances, plan, draft.step, scenario.coupling,
@@ -150,17 +160,18 @@ def co_simulate(path: Path, scenario: Scenario, design: Design, settings: Settin
                         instances[name].set_start(variable, value)
                 simulation.initialise(scenario.stop_time)
             except UnitFailure as failure:
-                raise InputError("", str(failure), source=str(path)) from None
+                raise InputError("", str(failure), source=source) from None
             return simulation.run(steps, lambda done: progress(done, steps), settings.decimate)
         finally:
             for instance in instances.values():
                 instance.close()
 
 
-def _instance(name: str, file: Path, folder: Path, source: str, report: Callable[[str], None]) -> UnitInstance:
+def _instance(name: str, file: Path, folder: Path, source: str, report: Callable[[str], None],
+              allowance: Allowance) -> UnitInstance:
     """An instance of an FMU's file, extracted to a folder."""
     try:
-        extract(str(file), unzipdir=str(folder))
+        allowance.extract(file, folder)
         return UnitInstance(name, folder, read_model_description(str(folder), validate=False), report)
     except Exception as error:
         reason = " ".join((str(error).strip() or type(error).__name__).splitlines())
@@ -190,11 +201,12 @@ def unit_files(path: Path, scenario: Scenario, design: Design, settings: Setting
             for name, instance in scenario.instance.items()}
 
 
-def _summary(name: str, scenario: Scenario, design: Design, settings: Settings, recording: Recording,
-             outcomes: list[Outcome]) -> dict[str, Any]:
+def run_summary(name: str, scenario: Scenario, design_id: str, settings: Settings, recording: Recording,
+                outcomes: list[Outcome]) -> dict[str, Any]:
+    """What summary.json holds; design_id is empty where the units are of no design."""
     simulated = float(recording.time[-1])
     summary: dict[str, Any] = {
-        "scenario": name, "title": scenario.title, "design_id": design.design_id, "coupling": scenario.coupling,
+        "scenario": name, "title": scenario.title, "design_id": design_id, "coupling": scenario.coupling,
         "backend": settings.backend, "complete": recording.complete,
         "decimate": recording.decimate, "set": settings.values,
         "checks": [o.record() for o in outcomes],

@@ -13,7 +13,7 @@ from scenarios.options import BACKENDS, BASES, COUPLINGS, compiler_option, note
 FORMATS = ("csv", "parquet", "mat")
 
 
-def _assignment(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, Any]:
+def assignment(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, Any]:
     """INSTANCE.VARIABLE=VALUE options as a table; several numbers, separated by commas, are those of an array."""
     table: dict[str, Any] = {}
     for text in values:
@@ -50,10 +50,12 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option("--coupling", type=COUPLINGS, help="Override the scenario's coupling.")
 @click.option("--basis", type=BASES, help="Override the basis of design and plant.")
 @click.option("--structure", metavar="FILE", help="Override the scenario's structure.")
-@click.option("--set", "values", multiple=True, callback=_assignment, metavar="UNIT.VARIABLE=VALUE",
+@click.option("--set", "values", multiple=True, callback=assignment, metavar="UNIT.VARIABLE=VALUE",
               help="Set a start value or parameter: plant.beam[1].tip_mass=0.03, plant.beam[].tip_mass=0.03 for all, "
                    "plant.u=100,0,0,0 for an array. Repeatable.")
 @click.option("--stop-time", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Simulated time in s.")
+@click.option("--step", type=click.FloatRange(min=0, min_open=True), metavar="S",
+              help="Communication step in s; by default the scenario's, or the package's.")
 @click.option("--decimate", type=click.IntRange(min=1), default=1, metavar="N",
               help="Record every N-th step (and the last); checks are measured on these.")
 @click.option("--format", "formats", multiple=True, callback=_formats, default=("csv",), show_default=True,

@@ -21,6 +21,7 @@ class Settings:
     basis: BasisName | None = None
     structure: str | None = None
     stop_time: float | None = None
+    step: float | None = None        # s, between communication points
     values: dict[str, Value] = field(default_factory=dict)   # <instance>.<variable>, or array, to value
     decimate: int = 1                # every which step is recorded
     build_folder: Path = BUILD_FOLDER

@@ -118,13 +118,18 @@ def _held(signal: PseudoRandom, levels: Callable[[int, int], Array]) -> Signal:
 
 def _binary(signal: PseudoRandom) -> Signal:
     """+-1 by a maximum-length sequence; each element begins a share of the period later, the first where seed says."""
+    sequence, begin = binary_sequence(signal)
+    period, width = len(sequence), len(_row(signal.amplitude))
+    offsets = begin + np.arange(width) * period // width
+    return _held(signal, lambda first, count: sequence[(first + np.arange(count)[:, None] + offsets) % period])
+
+
+def binary_sequence(signal: PseudoRandom) -> tuple[Array, int]:
+    """One period of +-1 of a maximum-length sequence (2^register - 1,), and the number of its first level."""
     from scipy.signal import max_len_seq
 
     sequence = 2.0 * max_len_seq(signal.register)[0] - 1.0
-    period, width = len(sequence), len(_row(signal.amplitude))
-    begin = int(np.random.Philox(key=signal.seed).random_raw() % period)
-    offsets = begin + np.arange(width) * period // width
-    return _held(signal, lambda first, count: sequence[(first + np.arange(count)[:, None] + offsets) % period])
+    return sequence, int(np.random.Philox(key=signal.seed).random_raw() % len(sequence))
 
 
 def _levels(signal: PseudoRandom) -> Signal:
@@ -140,7 +145,8 @@ def _levels(signal: PseudoRandom) -> Signal:
     return _held(signal, levels)
 
 
-def _table(table: Table, folder: Path) -> Signal:
+def table_rows(table: Table, folder: Path) -> Array:
+    """Time (s) and the columns chosen, (rows, 1 + width); the file is relative to `folder`."""
     path = folder / table.file
     if not path.is_file():
         raise InputError("table.file", "must be a file", str(path))
@@ -149,12 +155,18 @@ def _table(table: Table, folder: Path) -> Signal:
         values = rows.values if table.columns is None else rows.select(table.columns)
     except InputError as error:
         raise error.at("", "table.") from None
+    return np.column_stack([rows.time, values])
+
+
+def _table(table: Table, folder: Path) -> Signal:
+    rows = table_rows(table, folder)
+    times, values = rows[:, 0], rows[:, 1:]
 
     def hold(time: Array) -> Array:
-        return values[np.maximum(np.searchsorted(rows.time, time + EARLY, side="right") - 1, 0)]
+        return values[np.maximum(np.searchsorted(times, time + EARLY, side="right") - 1, 0)]
 
     def join(time: Array) -> Array:
-        return np.stack([np.interp(time, rows.time, column) for column in values.T], axis=1)
+        return np.stack([np.interp(time, times, column) for column in values.T], axis=1)
 
     return Signal(width=values.shape[1], sample=hold if table.hold == "zero" else join)
 

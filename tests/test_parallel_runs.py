@@ -121,7 +121,7 @@ class Impatient(Display):
     def progress(self, name: str, done: int, steps: int) -> None:
         if self.presses:
             self.presses -= 1
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
 
 
 def test_ctrl_c_ends_all_and_marks_what_was_recorded(at_run_folder: Path, tmp_path: Path,

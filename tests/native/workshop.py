@@ -75,7 +75,7 @@ def source_folder(unit: str, small: bool = False) -> Path:
     """The folder with a unit's C files, of the small or the usual design."""
     design = small_design() if small else design_of()
     folder = workspace() / f"sources-{small}" / unit
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for name, content in unit_sources(native_unit(unit, design, folder))[0].items():
         (folder / name).write_bytes(content)
     return folder

@@ -67,7 +67,7 @@ class Reference:
     u_ff: Real
     x_ref: Real
     y_ref: Real
-    moving: Real      # (steps + 1, 1)
+    moving: Real      # (steps + 1, 1); rounding decides where a transition ends at a t_k
     starts: Real      # s, of each transition that a target started
     durations: Real   # s
 
@@ -113,7 +113,7 @@ def feedforward(design: Design, *, steps: int, step: float, targets: Sequence[Ta
         series = taylor_coefficients_at(options.gevrey_order, tau, m)
         factorials = np.cumprod(np.maximum(index, 1).astype(float))
         xi[later] += (series * factorials / duration**index)[:, :, None] * change
-        moving[later, 0] += tau < 1
+        moving[later, 0] += time[later] + preview < start + duration
     u_ff, x_ref = np.einsum("i,kij->kj", c, xi), np.einsum("aij,kij->ka", X, xi[:, :-1])
     return Reference(u_ff=u_ff, x_ref=x_ref, y_ref=x_ref @ arrays["H_pi"].T + u_ff @ arrays["D_pi"].T,
                      moving=(moving > 0).astype(float), starts=motion.starts, durations=motion.durations)

@@ -1,0 +1,35 @@
+"""The verb `flexbeams export`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from scenarios.options import BASES, COUPLINGS, compiler_option, note
+from scenarios.run_command import assignment
+
+
+@click.command()
+@click.argument("scenario", metavar="SCENARIO")
+@click.option("--format", "kind", type=click.Choice(["ssp"]), default="ssp", show_default=True,
+              help="ssp: an SSP 1.0 package with units, connections, signals and start values.")
+@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="The file to write. [default: <scenario>.<format>]")
+@click.option("--platform", "platforms", multiple=True, default=("host",), show_default=True, metavar="P",
+              help="Binaries in the units: host, all, or names as for `flexbeams build`. Repeatable.")
+@compiler_option
+@click.option("--coupling", type=COUPLINGS, help="Override the scenario's coupling.")
+@click.option("--basis", type=BASES, help="Override the basis of design and plant.")
+@click.option("--structure", metavar="FILE", help="Override the scenario's structure.")
+@click.option("--set", "values", multiple=True, callback=assignment, metavar="UNIT.VARIABLE=VALUE",
+              help="Set a start value or parameter, as for `flexbeams run`; it is built into the unit. Repeatable.")
+@click.option("--stop-time", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Simulated time in s.")
+@click.option("--step", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Communication step in s.")
+def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:
+    """Write a scenario for other tools: the closed loop with its signals, complete in one file."""
+    from scenarios.settings import Settings
+    from scenarios.ssp_export import export_ssp
+
+    file = out or Path(f"{Path(scenario).stem}.{kind}")
+    click.echo(export_ssp(scenario, file, Settings(frames=False, **options), platforms, note))
+    return 0

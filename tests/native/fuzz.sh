@@ -1,0 +1,21 @@
+#!/bin/sh
+# Fuzzes the units for as long as wanted: tests/native/fuzz.sh RUNS FOLDER (default 4000000 inputs for each unit).
+# Corpora, logs and failing inputs stay in FOLDER. Needs clang with libFuzzer (Debian: clang libclang-rt-14-dev).
+set -eu
+runs=${1:-4000000}
+folder=${2:-build/fuzz}
+mkdir -p "$folder"
+python -c "
+import shutil, sys
+from fmus.interface import UNITS
+from tests.native.workshop import source_folder
+for unit in UNITS:
+    shutil.copytree(source_folder(unit, small=True), f'{sys.argv[1]}/{unit}', dirs_exist_ok=True)
+" "$folder"
+for unit in BeamPlant FlatnessFeedforward TrackingController; do
+    clang -O1 -g -std=c99 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all -I"$folder/$unit" \
+        "$folder/$unit"/*.c tests/native/fuzz.c -o "$folder/fuzz_$unit" -lm
+    mkdir -p "$folder/corpus_$unit"
+    "$folder/fuzz_$unit" -runs="$runs" -max_len=300 -print_final_stats=1 -artifact_prefix="$folder/$unit-" \
+        "$folder/corpus_$unit" 2>&1 | tee "$folder/$unit.log"
+done

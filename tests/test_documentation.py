@@ -1,0 +1,92 @@
+"""The examples in the README files run as they are printed."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = ["README.md", "plant/README.md", "controller/README.md", "fmus/README.md", "scenarios/README.md"]
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
+    """Fenced blocks of one language as (page and number, text)."""
+    found = []
+    for page in PAGES:
+        pattern = rf"^```{language}\n(.*?)^```"
+        for k, match in enumerate(re.finditer(pattern, (ROOT / page).read_text(), re.DOTALL | re.MULTILINE), 1):
+            found.append((f"{page}#{k}", match.group(1)))
+    return found
+
+
+def commands() -> list[tuple[str, str]]:
+    """Lines of shell blocks that call flexbeams; those of the Quick start set up an environment and are left to CI."""
+    texts = [(place, text) for place, text in [*blocks("sh"), *blocks("console")] if "venv" not in text]
+    return [(f"{place}:{line}", line) for place, text in texts for line in text.strip().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the commands of all pages run one after another."""
+    return tmp_path_factory.mktemp("documentation")
+
+
+def flexbeams(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own, as a reader would type it."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, "-m", "scenarios.cli", *arguments], cwd=folder, env=environment,
+                          capture_output=True, text=True, timeout=600, check=False)
+
+
+@pytest.mark.parametrize(("place", "text"), blocks("python"), ids=lambda v: v if "#" in v else "")
+def test_python_example_runs(place: str, text: str) -> None:
+    done = subprocess.run([sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{place}: {done.stderr}"
+
+
+@pytest.mark.parametrize(("place", "line"), commands(), ids=lambda v: v[:60] if "#" in v else "")
+def test_command_example_runs(place: str, line: str, workshop: Path) -> None:
+    program, *arguments = shlex.split(line)
+    assert program == "flexbeams", place
+    done = flexbeams(workshop, *arguments)
+    assert done.returncode == 0, f"{place}: {done.stdout}{done.stderr}"
+
+
+def test_structure_example_is_a_structure(tmp_path: Path) -> None:
+    from plant.structure import read_structure
+
+    text = next(text for place, text in blocks("toml") if place.startswith("plant/"))
+    path = tmp_path / "example.toml"
+    path.write_text(text)
+    assert len(read_structure(path).beam) == 1
+
+
+def test_design_options_example_has_the_defaults() -> None:
+    import tomllib
+
+    from controller.design import DesignOptions
+    from plant.tables import checked
+
+    text = next(text for place, text in blocks("toml") if place.startswith("controller/"))
+    assert checked(DesignOptions, tomllib.loads(text)["design"], "controller/README.md") == DesignOptions()
+
+
+@pytest.mark.parametrize(("place", "text"), [b for b in blocks("toml") if b[0].startswith("scenarios/")],
+                         ids=lambda v: v if "#" in v else "")
+def test_scenario_example_runs(place: str, text: str, workshop: Path) -> None:
+    path = workshop / "sweep.toml"
+    path.write_text(text)
+    done = flexbeams(workshop, "run", "sweep.toml", "--no-report")
+    assert done.returncode == 0, f"{place}: {done.stdout}{done.stderr}"
+    shutil.rmtree(workshop / "results" / "sweep")
+
+
+def test_pages_name_only_files_that_exist() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", (ROOT / page).read_text()):
+            assert ((ROOT / page).parent / target).exists(), f"{page}: {target}"
