@@ -193,7 +193,8 @@ def read_design(path: Path) -> Design:
         raise InputError("", "is not a flexbeams design file", source=source) from None
     if known != FORMAT:
         raise InputError("format", f"must be {FORMAT}; make the design again", known, source=source)
-    design = _identified(checked(Structure, structure, source), checked(DesignOptions, options, source), summary, arrays)
+    design = _identified(checked(Structure, structure, source), checked(DesignOptions, options, source), summary,
+                         arrays)
     if design.design_id != design_id:
         raise InputError("design_id", f"must be {design.design_id}, the hash of the contents: the file was altered",
                          design_id, source=source)

@@ -135,8 +135,8 @@ def _require_damped(A: Array) -> None:
     eigenvalues = np.linalg.eigvals(A)
     least = eigenvalues[np.argmax(eigenvalues.real / np.abs(eigenvalues))]
     if least.real > -1e-9 * abs(least):
-        raise DesignError(f"the mode at {abs(least):.6g} rad/s is not damped, which balanced truncation needs; give the "
-                          "structure damping")
+        raise DesignError(f"the mode at {abs(least):.6g} rad/s is not damped, which balanced truncation needs; give "
+                          "the structure damping")
 
 
 def _require_stable(A: Array, kept: int) -> None:

@@ -23,7 +23,6 @@ from fmus.variables import Interface
 from plant.archive import write_whole, zip_bytes
 
 _NATIVE = Path(__file__).parent / "native"
-_LICENSE = Path(__file__).parent.parent / "LICENSE"
 _SHARED = ("fmi2.c", "fmi2_model_exchange.c", "fmi2_state.c", "fmi2_values.c", "instance.c", "linear_algebra.c",
            "text.c", "fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h", "instance.h",
            "linear_algebra.h", "text.h", "unit.h")
@@ -108,6 +107,6 @@ def _documents(interface: Interface) -> dict[str, bytes]:
     picture = model_picture(interface)
     return {
         "documentation/index.html": documentation_page(interface, picture).encode(),
-        "documentation/licenses/LICENSE": _LICENSE.read_bytes(),
+        "documentation/licenses/LICENSE": (_NATIVE / "LICENSE").read_bytes(),
         "model.png": picture,
     }

@@ -103,17 +103,19 @@ def list_scenarios() -> None:
 
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path),
-                metavar="FMU...")
+                metavar="FMU|SSP...")
 def validate(files: tuple[Path, ...]) -> int:
-    """Check FMUs against the FMI 2.0 schema and its rules; prints every complaint."""
-    from fmpy.validation import validate_fmu
+    """Check FMUs and SSP packages; prints every complaint.
+
+    FMUs: the FMI 2.0 schema and its rules. Packages: the SSP 1.0 schemas, connectors, units, start values, and
+    the FMUs inside.
+    """
+    from scenarios.ssp_check import package_problems, unit_problems
+    from scenarios.ssp_import import is_package
 
     complaints = 0
     for path in files:
-        try:
-            problems = validate_fmu(str(path))
-        except Exception as error:
-            problems = [str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__]
+        problems = package_problems(path) if is_package(path.name) else unit_problems(path)
         complaints += len(problems)
         for problem in problems:
             click.echo(f"{path}: {problem}")

@@ -71,7 +71,7 @@ class Planner:
         plan = Plan(size=0, sources={}, inputs={name: [] for name in self._instances}, reads={}, spans={})
         for name, instance in self._instances.items():
             wanted = [n for owner, names in extra if owner == name for n in names]
-            variables = [v for v in instance.variables.values() if v.type != "String" and v.causality != "input"]
+            variables = [v for v in instance.variables.values() if v.type in READ_ORDER and v.causality != "input"]
             ordered = sorted((v for v in variables if v.causality == "output" or v.name in wanted),
                              key=lambda v: READ_ORDER.index(v.type))
             plan.reads[name] = [v.name for v in ordered]

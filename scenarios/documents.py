@@ -28,6 +28,11 @@ def read_document(content: bytes, source: str) -> Any:
     return root
 
 
+def detached(element: Any) -> Any:
+    """A copy of an element as the root of a document of its own."""
+    return etree.fromstring(etree.tostring(element, with_tail=False))
+
+
 def schema_problems(root: Any, namespace: str) -> list[str]:
     """What the schema of SSD or SSV says of a document, a line each."""
     schema = _schema(namespace)

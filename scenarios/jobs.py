@@ -6,10 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from controller.design import Design
+from scenarios.cosimulation import Recording
 from scenarios.formats import Format
 from scenarios.metrics import Outcome
-from scenarios.run import Run, run_scenario, write_run
+from scenarios.results import write_results
+from scenarios.run import run_scenario, write_run
 from scenarios.settings import Settings
+from scenarios.ssp_import import is_package
+from scenarios.ssp_run import run_package
 
 DONE, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130   # exit statuses, in this order of severity
 
@@ -57,19 +61,30 @@ class Finished:
 
 def execute(job: Job, report: Callable[[str], None], progress: Callable[[int, int], None],
             designs: Sequence[Design] = ()) -> Finished:
-    """Runs a job in this process and writes its files; errors as of run_scenario."""
+    """Runs a job in this process and writes its files; errors as of run_scenario or run_package."""
+    if is_package(job.scenario):
+        return _execute_package(job, report, progress)
     run = run_scenario(job.scenario, job.settings, report=report, progress=progress, designs=designs)
     write_run(run, job.folder, job.figures, job.report, job.formats)
-    status, message = _verdict(run, job.folder)
+    status, message = _verdict(run.recording, run.passed, job.folder)
     title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
     return Finished(name=job.name, status=status, title=title, folder=job.folder, outcomes=run.outcomes,
                     timing=run.summary["timing"], message=message)
 
 
-def _verdict(run: Run, folder: Path) -> tuple[int, str]:
-    recording = run.recording
+def _execute_package(job: Job, report: Callable[[str], None], progress: Callable[[int, int], None]) -> Finished:
+    """A package has no checks and no figures of its own."""
+    run = run_package(Path(job.scenario), job.settings, report=report, progress=progress)
+    (job.folder / "report.html").unlink(missing_ok=True)
+    write_results(job.folder, run.recording, run.summary, job.formats)
+    status, message = _verdict(run.recording, True, job.folder)
+    return Finished(name=job.name, status=status, title=f"{job.name}: {run.title}", folder=job.folder,
+                    timing=run.summary["timing"], message=message)
+
+
+def _verdict(recording: Recording, passed: bool, folder: Path) -> tuple[int, str]:
     if recording.interrupted:
         return INTERRUPTED, f"interrupted at {recording.time[-1]:.6g} s; what was recorded is marked incomplete"
     if recording.failure is not None:
         return FAILED, f"{recording.failure}; what was recorded up to then is in {folder}"
-    return (DONE if run.passed else CHECK_FAILED), ""
+    return (DONE if passed else CHECK_FAILED), ""

@@ -20,6 +20,7 @@ from scenarios.jobs import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished, Jo
 from scenarios.progress import Display
 from scenarios.run import prepare, unit_files
 from scenarios.schema import find_scenario
+from scenarios.ssp_import import is_package
 from scenarios.stepping import stepper_library
 
 INTERVAL = 0.1   # s between two messages of a scenario's progress
@@ -37,7 +38,7 @@ def prepare_all(jobs: Sequence[Job], display: Display) -> list[Design]:
     """The designs of all jobs, each once; units and stepping loop built, so that no two processes do the same work."""
     designs: list[Design] = []
     for job in jobs:
-        name: str | None = job.scenario
+        name: str | None = None if is_package(job.scenario) else job.scenario
         while name is not None:
             path = find_scenario(name)
             scenario, design = prepare(path, job.settings, designs)

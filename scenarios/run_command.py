@@ -72,7 +72,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option("--no-report", is_flag=True, help="Write no report.html.")
 def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | None, no_figures: bool,
         no_report: bool, real_time: bool, speed: float | None, **options: Any) -> int:
-    """Run scenarios (names from `flexbeams list`, or files) and check the results.
+    """Run scenarios (names from `flexbeams list`, files, or SSP packages) and check the results.
 
     Builds the units that are missing, runs them, writes results.csv, summary.json, figures and report.html, and
     prints each check beside the paper's figure. Several scenarios run side by side.
@@ -85,9 +85,14 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
         from scenarios.jobs import Job, execute
         from scenarios.schema import find_scenario, read_scenario
         from scenarios.settings import Settings
+        from scenarios.ssp_import import is_package
+        from scenarios.ssp_run import require_package
 
         for k, scenario in enumerate(scenarios):
-            read_scenario(find_scenario(scenario))
+            if is_package(scenario):
+                require_package(Path(scenario))
+            else:
+                read_scenario(find_scenario(scenario))
             if names[k] in names[:k]:
                 raise InputError("SCENARIO", "must be given once, since its name is that of its results", names[k])
         require_formats(formats)

@@ -211,7 +211,7 @@ def _parameter_document(name: str, parameters: list[Any]) -> bytes:
     table = ElementTree.SubElement(root, "ssv:Parameters")
     for variable in parameters:
         parameter = ElementTree.SubElement(table, "ssv:Parameter", name=variable.name)
-        ElementTree.SubElement(parameter, f"ssv:{variable.type}", value=variable.start, **_unit(variable))
+        ElementTree.SubElement(parameter, f"ssv:{variable.type}", {"value": variable.start, **_unit(variable)})
     _add_units(root, {v.unit for v in parameters}, "ssv:Units")
     return _document(root)
 

@@ -9,11 +9,12 @@ from urllib.parse import unquote, urlsplit
 
 from plant.errors import InputError
 from scenarios.archives import Allowance
-from scenarios.documents import SSC, SSD, SSV, read_document, schema_problems
+from scenarios.documents import SSC, SSD, SSV, detached, read_document, schema_problems
 from scenarios.schema import Coupling
 
 STRUCTURE = "SystemStructure.ssd"
 TYPES = ("Real", "Integer", "Boolean", "String")   # that a parameter set may give
+_STEPS = (("Run", "stepSize"), ("FixedStepAlgorithm", "baseStepSize"), ("FixedStepMaster", "stepSize"))
 _NS = {"ssd": SSD, "ssc": SSC, "ssv": SSV}
 
 
@@ -197,7 +198,7 @@ class _Reader:
                 if table.tag != f"{{{SSV}}}ParameterSet":
                     raise self._error(owner, "must have a ParameterSet as ParameterValues", table.tag)
                 _require_version(table, STRUCTURE, self._source)
-                _require_valid(read_document(_text(table), STRUCTURE), SSV, STRUCTURE, self._source)
+                _require_valid(detached(table), SSV, STRUCTURE, self._source)
                 found += self._parameters(table, STRUCTURE, binding)
         return found
 
@@ -247,12 +248,6 @@ class _Reader:
         return wires
 
 
-def _text(element: Any) -> bytes:
-    from lxml import etree
-
-    return bytes(etree.tostring(element))
-
-
 def _dimension(base: Mapping[str, str]) -> tuple[float, ...]:
     """Exponents of SI's base units, then factor and offset."""
     return (*(float(base.get(k, 0)) for k in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")),
@@ -261,7 +256,7 @@ def _dimension(base: Mapping[str, str]) -> tuple[float, ...]:
 
 def _step(root: Any) -> float | None:
     """The communication step of an annotation: this project's, the Open Simulation Platform's, OMSimulator's."""
-    for tag, attribute in (("Run", "stepSize"), ("FixedStepAlgorithm", "baseStepSize"), ("FixedStepMaster", "stepSize")):
+    for tag, attribute in _STEPS:
         for element in root.iterfind(f".//ssc:Annotation//{{*}}{tag}", _NS):
             try:
                 step = float(element.get(attribute, ""))

@@ -22,6 +22,7 @@ from controller.reduction import ReducedModel
 from controller.transition import Transition, derivative_scales, transition_of_order
 from plant.basis import Array
 from plant.errors import DesignError
+from plant.galerkin import BasisName
 from plant.structure import Structure, find_structure, read_structure
 from tests.oracles.examples import beam, five_beams, gauge, patch, point, single_beam, three_beams
 
@@ -36,7 +37,7 @@ def model_of(A: Array, B: Array) -> ReducedModel:
 
 
 @cache
-def design(name: str, basis: str = "clamped_free") -> Design:
+def design(name: str, basis: BasisName = "clamped_free") -> Design:
     """The design of a structure with default options."""
     return compute_design(STRUCTURES[name], DesignOptions(basis=basis))
 
@@ -48,7 +49,7 @@ def parameterisation(made: Design) -> FlatParameterisation:
 
 @pytest.mark.parametrize("basis", ["clamped_free", "segment"])
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_state_and_input_satisfy_the_differential_equation(name: str, basis: str) -> None:
+def test_state_and_input_satisfy_the_differential_equation(name: str, basis: BasisName) -> None:
     """x' = A x + B u for every xi: X_{i-1} = A X_i + B c_i, i = 0 ... m, with X_{-1} = X_m = 0."""
     made = design(name, basis)
     A, B = made.arrays["A"], made.arrays["B"]

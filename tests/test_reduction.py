@@ -40,7 +40,8 @@ class Balanced(NamedTuple):
 
 
 @cache
-def model_of(name: str, basis: BasisName = "clamped_free", order: int | None = None) -> tuple[BeamModel, SecondOrderSystem]:
+def model_of(name: str, basis: BasisName = "clamped_free",
+             order: int | None = None) -> tuple[BeamModel, SecondOrderSystem]:
     """A structure's model and its matrices."""
     model = beam_model(STRUCTURES[name], basis, order)
     return model, model.assemble()
@@ -68,7 +69,8 @@ def balance(model: BeamModel, system: SecondOrderSystem, kept: int, output_weigh
         left.append((R_o[part] @ U[:, :kept] / root).T)
         values.append(sigma)
     T, inverse = block_diag(*right), block_diag(*left)
-    return Balanced(*values, inverse @ form.A @ T, inverse @ form.B, form.outputs(model.deflection) @ T,
+    position, velocity = values
+    return Balanced(position, velocity, inverse @ form.A @ T, inverse @ form.B, form.outputs(model.deflection) @ T,
                     form.outputs(model.strain) @ T)
 
 
@@ -171,7 +173,8 @@ def test_energy_norm_agrees_between_bases() -> None:
     """Refined, both bases tend to the same singular values; those above a fifth of the largest are met within 6 %."""
     fine, coarse = (reduce(*model_of("kiel", basis, order), kept=15, output_weight="energy")
                     for basis, order in (("segment", 7), ("clamped_free", 25)))
-    for exact, values in ((fine.hankel_position, coarse.hankel_position), (fine.hankel_velocity, coarse.hankel_velocity)):
+    for kind in ("hankel_position", "hankel_velocity"):
+        exact, values = getattr(fine, kind), getattr(coarse, kind)
         assert len(exact) == ENERGY_MODES
         large = exact > exact[0] / 5
         np.testing.assert_allclose(values[large], exact[large], rtol=0.06)

@@ -193,5 +193,5 @@ def test_nothing_to_weigh_takes_no_gain() -> None:
 
 def test_require_stable_names_the_magnitude() -> None:
     require_stable(np.diag([0.9, -0.999]), "this")
-    with pytest.raises(DesignError, match="the loop is not stable: an eigenvalue has magnitude 1.25, wanted < 1"):
+    with pytest.raises(DesignError, match=r"the loop is not stable: an eigenvalue has magnitude 1\.25, wanted < 1"):
         require_stable(np.diag([0.9, -1.25]), "the loop")

@@ -173,7 +173,7 @@ bool unit_advance(unit *unit, double time, double step)
     return true;
 }
 
-/* The number of transitions is used as an index. */
+/* The number of transitions is used as an index; the planner tries durations up to a multiple of the longest. */
 bool unit_restore(unit *unit)
 {
     const double count = unit->state[0];
@@ -181,7 +181,7 @@ bool unit_restore(unit *unit)
     if (sound) {
         const motion motion = motion_of(unit);
         for (size_t k = 0; k < motion.count; k++)
-            sound = sound && isfinite(motion.starts[k]) && motion.durations[k] > 0.0;
+            sound = sound && isfinite(motion.starts[k]) && motion.durations[k] > 0.0 && motion.durations[k] < 1e12;
     }
     return sound || unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }

@@ -10,6 +10,7 @@
 typedef struct {
     const double *shorter, *longer;
     double share;  /* of the longer */
+    size_t place;  /* where the curve was read last */
 } shape;
 
 static shape shape_of(double duration)
@@ -23,14 +24,13 @@ static shape shape_of(double duration)
     return (shape){.shorter = row, .longer = row + feedforward.intervals + 1, .share = fmin(fmax(whole, 0.0), 1.0)};
 }
 
-/* The curve at tau within [0, 1], linear between its places, which lie at (1 - cos(pi i / intervals)) / 2. */
-static double shape_at(const shape *shape, double tau)
+/* The curve at tau within [0, 1], linear between its places. Quick where tau grows from one call to the next. */
+static double shape_at(shape *shape, double tau)
 {
-    size_t place = (size_t)(acos(1 - 2 * tau) / acos(-1.0) * (double)feedforward.intervals);
-    while (place > 0 && (place >= feedforward.intervals || shape_places[place] > tau))
-        place--;
+    size_t place = shape->place;
     while (place + 1 < feedforward.intervals && shape_places[place + 1] <= tau)
         place++;
+    shape->place = place;
     const double left = (1 - shape->share) * shape->shorter[place] + shape->share * shape->longer[place];
     const double right = (1 - shape->share) * shape->shorter[place + 1] + shape->share * shape->longer[place + 1];
     const double width = shape_places[place + 1] - shape_places[place];
@@ -38,7 +38,7 @@ static double shape_at(const shape *shape, double tau)
 }
 
 /* Planned voltages u (voltages,) at a time. */
-static void voltages_at(const motion *motion, const shape *shapes, double time, double *u)
+static void voltages_at(const motion *motion, shape *shapes, double time, double *u)
 {
     memcpy(u, motion->offset, feedforward.voltages * sizeof *u);
     for (size_t k = 0; k < motion->count; k++) {
@@ -66,6 +66,8 @@ static double peak_of(const motion *motion, double now, double *u)
         shapes[k] = shape_of(motion->durations[k]);
     double peak = 0.0;
     for (size_t k = 0; k <= last; k++) {
+        for (size_t i = 0; i <= last; i++)
+            shapes[i].place = 0;
         double *before = u, *here = u + voltages, *after = here + voltages;
         size_t sampled = 0;
         for (size_t i = 0; i <= feedforward.intervals; i++) {

@@ -71,7 +71,7 @@ def taylor_coefficients_at(gevrey_order: float, tau: Real, degree: int) -> Real:
 
 def _area(g: float, tau: Real) -> Real:
     """Integral of theta over [0, tau], tau <= 1/2."""
-    points, weights = np.polynomial.legendre.leggauss(200)
+    points, weights = np.polynomial.legendre.leggauss(80)
     t = tau[:, None] * (points + 1) / 2
     with np.errstate(under="ignore"):
         area: Real = np.exp(4**g - (t * (1 - t)) ** -g) @ weights * tau / 2

@@ -1,9 +1,9 @@
-"""The whole closed loop as one recursion z_{k+1} = Phi z_k + Gamma v_k with a clip: what a co-simulation must reproduce.
+"""The closed loop as one recursion z_{k+1} = Phi z_k + Gamma v_k with a clip: what a co-simulation must reproduce.
 
-z holds plant, estimate, integral and last voltage side by side, v_k the feedforward's signals, targets' reference and
-tip forces as the coupling delivers them. Row k of every result is the value at t_k = k step, row 0 the initial
-state. In a Jacobi coupling all units step from t_k with each other's outputs of t_k; in a Gauss-Seidel coupling
-feedforward, controller and plant step in this order with the newest values.
+z holds plant, estimate, integral and last voltage side by side, v_k the feedforward's signals and the tip forces as the
+coupling delivers them. Row k of every result is the value at t_k = k step, row 0 the initial state. In a Jacobi
+coupling all units step from t_k with each other's outputs of t_k; in a Gauss-Seidel coupling feedforward, controller
+and plant step in this order with the newest values.
 
 Written apart from the units: the plant in modal coordinates, discretised by scipy; the feedforward for all times at
 once from closed forms of Theta's derivatives. Only the planned durations come from the planner, as they
@@ -32,7 +32,7 @@ Target = tuple[float, Sequence[float]]
 
 @dataclass(frozen=True, kw_only=True)
 class PlantMatrices:
-    """x_{k+1} = A x_k + B u_k + F force_k, y = C x; energy |x|^2 / 2. x = (Omega eta, eta') of mass-normalised modes."""
+    """x_{k+1} = A x_k + B u_k + F force_k, y = C x; x = (Omega eta, eta') of mass-normalised modes."""
 
     A: Real
     B: Real
@@ -138,8 +138,8 @@ def loop_matrices(design: Design, integral_gain: float) -> LoopMatrices:
     (m, n_u), n_pm = B.shape, len(H)
     none = np.zeros((m, n_u))
     estimate = np.hstack([A - L @ H, none, B - L @ D, L, none, np.zeros((m, m))])
-    I = np.eye(n_u)
-    wanted = np.hstack([np.zeros((n_u, m)), I, np.zeros((n_u, n_u + n_pm)), I, K]) - K @ estimate
+    unit = np.eye(n_u)
+    wanted = np.hstack([np.zeros((n_u, m)), unit, np.zeros((n_u, n_u + n_pm)), unit, K]) - K @ estimate
     G = integral_gain * a["static_inverse"]
     growth = (np.hstack([np.zeros((n_u, m + n_u)), -G @ a["D_pi"], np.zeros((n_u, n_pm)), G @ a["D_pi"], G @ a["H_pi"]])
               - G @ a["H_pi"] @ estimate)
@@ -151,7 +151,8 @@ def simulate(design: Design, model: BeamModel, *, steps: int, coupling: Coupling
              use_controller: bool = True, feedback: bool = True, integral_gain: float | None = None,
              controller_limit: float | None = None, transition_time: float | None = None,
              voltage_limit: float | None = None, preview: float = 0.0, durations: Sequence[float] | None = None,
-             parameters: dict[str, float] | None = None, rest_voltage: Sequence[float] | None = None) -> dict[str, Real]:
+             parameters: dict[str, float] | None = None, rest_voltage: Sequence[float] | Real | None = None,
+             ) -> dict[str, Real]:
     """A run of `steps` communication steps; keys as in a result file, such as plant.y_pi (steps + 1, n_pi).
 
     Instances: {plant} where `voltage` (steps + 1, n_u) is given; {feedforward, plant} without `use_controller`; else
@@ -163,7 +164,7 @@ def simulate(design: Design, model: BeamModel, *, steps: int, coupling: Coupling
     plant = plant_matrices(model, step, parameters)
     n_u, r = plant.B.shape[1], plant.F.shape[1]
     forces = np.zeros((steps + 1, r)) if force is None else force
-    results = {"time": step * np.arange(steps + 1), "plant.force": forces}
+    results: dict[str, Real] = {"time": step * np.arange(steps + 1.0), "plant.force": forces}
     start = plant.at_rest @ (np.zeros(n_u) if rest_voltage is None else np.asarray(rest_voltage))
     if voltage is not None:
         return results | plant_run(plant, start, voltage, voltage, forces)
