@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from plant.errors import FlexbeamsError, InputError
+from scenarios.bench_command import bench
 from scenarios.compare_command import compare
 from scenarios.export_command import export
 from scenarios.options import BASES, UNIT_NAMES, compiler_option, note, structure_option
@@ -27,6 +28,7 @@ def commands() -> None:
 commands.add_command(run)
 commands.add_command(compare)
 commands.add_command(export)
+commands.add_command(bench)
 
 
 @commands.command()

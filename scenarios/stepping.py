@@ -126,6 +126,7 @@ class NativeStepper:
         self._instances, self._wiring, self.done = list(instances.values()), wiring, 0
         self._library = ctypes.CDLL(str(library))
         self._library.run_block.restype = ctypes.c_size_t
+        self._library.time_block.restype = ctypes.c_size_t
         self._library.pace_clock.restype = ctypes.c_double
         self._kept: list[Any] = []   # what the C structures point to
         table = (_Instance * len(instances))(*[self._describe(i) for i in self._instances])
@@ -148,13 +149,26 @@ class NativeStepper:
         done = self._library.run_block(
             ctypes.byref(self._run), ctypes.c_int64(first), ctypes.c_size_t(len(external)),
             ctypes.c_void_p(external.ctypes.data), ctypes.c_int64(every), ctypes.c_void_p(rows.ctypes.data), pace)
-        self.done = first + int(done)
-        if done < len(external):
+        return self._require(first, int(done), len(external))
+
+    def durations(self, first: int, external: Array) -> Array:
+        """How long each step takes, s (count,), of steps as in `advance` while nothing is recorded."""
+        external, seconds = np.ascontiguousarray(external), np.empty(len(external))
+        done = self._library.time_block(
+            ctypes.byref(self._run), ctypes.c_int64(first), ctypes.c_size_t(len(external)),
+            ctypes.c_void_p(external.ctypes.data), ctypes.c_void_p(seconds.ctypes.data))
+        self._require(first, int(done), len(external))
+        return seconds
+
+    def _require(self, first: int, done: int, count: int) -> int:
+        """The steps done; UnitFailure where they are fewer than `count`."""
+        self.done = first + done
+        if done < count:
             instance = self._instances[self._run.failed_instance]
             function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
             raise UnitFailure(instance.name, self.done * self._wiring.step, function,
                               instance.reason or f"status {self._run.failed_status}")
-        return int(done)
+        return done
 
     def _describe(self, instance: UnitInstance) -> _Instance:
         port = instance.port

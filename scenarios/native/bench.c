@@ -70,7 +70,7 @@ static void evaluate(bare_feedforward *f, double time)
 {
     const size_t voltages = feedforward.voltages, states = feedforward.states, degree = feedforward.degree;
     double *const xi = f->scratch, *const theta = xi + (degree + 1) * voltages;
-    double *const both = theta, *const series = theta + transition_terms(degree) + 1;
+    double *const series = theta + transition_terms(degree) + 1, *const both = series + 2 * transition_terms(degree);
     for (; f->ended < f->begun && time >= f->starts[f->ended] + f->durations[f->ended]; f->ended++)
         for (size_t j = 0; j < voltages; j++)
             f->offset[j] += f->steps[f->ended * voltages + j];
@@ -97,7 +97,7 @@ static void evaluate(bare_feedforward *f, double time)
     multiply_panels(feedforward.points, states + voltages, reference_outputs, both, false, f->y_ref);
 }
 
-/* Step `number`, which begins at `time`; at rest nothing is to do. */
+/* Step number `number`, from number * step on; at rest nothing is to do. */
 static void step_feedforward(bare_feedforward *f, int64_t number, double step)
 {
     while (f->begun < f->count && f->begins[f->begun] <= number)
@@ -128,10 +128,4 @@ void bare_loop(bare_plant *p, bare_controller *c, bare_feedforward *f, size_t co
         step_feedforward(f, (int64_t)k, step);
         step_plant(p);
     }
-}
-
-void bare_products(size_t rows, size_t columns, const double *panels, const double *x, double *y, size_t count)
-{
-    for (size_t k = 0; k < count; k++)
-        multiply_panels(rows, columns, panels, x, false, y);
 }

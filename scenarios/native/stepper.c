@@ -113,3 +113,13 @@ size_t run_block(run *r, int64_t first, size_t count, const double *external, in
     }
     return count;
 }
+
+size_t time_block(run *r, int64_t first, size_t count, const double *external, double *seconds) {
+    const size_t n_external = r->n_signals - (size_t)r->first_external;
+    for (size_t k = 0; k < count; k++) {
+        const double begin = pace_clock();
+        if (run_block(r, first + (int64_t)k, 1, external + k * n_external, 1, seconds, NULL) < 1) return k;
+        seconds[k] = pace_clock() - begin;
+    }
+    return count;
+}

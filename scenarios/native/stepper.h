@@ -68,6 +68,9 @@ typedef struct {
 EXPORTED size_t run_block(run *r, int64_t first, size_t count, const double *external, int64_t every, double *rows,
                           const pace *paced);
 
+/* Steps as run_block does, with nothing recorded, and notes how long each step took, seconds (count,). */
+EXPORTED size_t time_block(run *r, int64_t first, size_t count, const double *external, double *seconds);
+
 /* Seconds of the clock that `pace` uses. */
 EXPORTED double pace_clock(void);
 

@@ -1,0 +1,339 @@
+"""Packages of others: what the runner takes, what it refuses in one line, and that it leaves nothing behind."""
+
+import ctypes
+import gc
+import io
+import re
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+
+from plant.errors import InputError
+from scenarios.cli import main
+from scenarios.instance import UnitInstance
+from scenarios.results import read_results
+from scenarios.run import run_scenario
+from scenarios.settings import Settings
+from scenarios.ssp_check import package_problems
+from scenarios.ssp_export import export_ssp
+from scenarios.ssp_run import run_package
+from tests.units.lag_interface import build_lag
+
+STEP = 2e-4
+Change = Callable[..., Path]
+
+SCENARIO = '''title = "one beam, pushed"
+structure = "single_beam"
+stop_time = {stop}
+[instance.feedforward]
+unit = "FlatnessFeedforward"
+start.preview = 2e-4
+[instance.controller]
+unit = "TrackingController"
+[instance.plant]
+unit = "BeamPlant"
+[[connection]]
+from = "feedforward.u_ff"
+to = "controller.u_ff"
+[[connection]]
+from = "feedforward.x_ref"
+to = "controller.x_ref"
+[[connection]]
+from = "controller.u"
+to = "plant.u"
+[[connection]]
+from = "plant.y_pm"
+to = "controller.y_pm"
+[[input]]
+to = "plant.force"
+pulse = {{ time = 0.02, duration = 5e-3, impulse = 0.01 }}
+[[input]]
+to = "feedforward.y_target"
+targets = [{{ time = 0.01, value = [1e-3] }}]
+'''
+
+
+class Shop:
+    """One small package, its scenario, and changed copies of it."""
+
+    def __init__(self, folder: Path, build_folder: Path) -> None:
+        self.folder, self.settings = folder, Settings(frames=False, build_folder=build_folder)
+        self.scenario = folder / "pushed.toml"
+        self.scenario.write_text(SCENARIO.format(stop=0.1))
+        self.package = export_ssp(str(self.scenario), folder / "pushed.ssp", self.settings)
+        with zipfile.ZipFile(self.package) as archive:
+            self.entries = {n: archive.read(n) for n in archive.namelist()}
+
+    def changed(self, name: str, *changes: tuple[str, str], where: str = "SystemStructure.ssd", **entries: Any) -> Path:
+        """A copy with texts of one document replaced by regular expression; None as an entry leaves it out."""
+        contents: dict[str, bytes | None] = dict(self.entries)
+        text = self.entries[where].decode()
+        for old, new in changes:
+            assert re.search(old, text, re.DOTALL), old
+            text = re.sub(old, new, text, count=1, flags=re.DOTALL)
+        contents[where] = text.encode()
+        contents |= {key.replace("__", "/").replace("_fmu", ".fmu").replace("_ssv", ".ssv").replace("_ssd", ".ssd"): v
+                     for key, v in entries.items()}
+        path = self.folder / f"{name}.ssp"
+        with zipfile.ZipFile(path, "w") as archive:
+            for key, content in contents.items():
+                if content is not None:
+                    archive.writestr(key, content)
+        return path
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory: pytest.TempPathFactory, run_folder: Path) -> Shop:
+    return Shop(tmp_path_factory.mktemp("packages"), run_folder / "build/fmus")
+
+
+FIRST = r'(startElement="source" startConnector="y_target\[1\]") endElement="feedforward" endConnector="y_target\[1\]" />'
+OPEN = r'<ssd:Component name="plant"[^>]*>'
+NESTED = ('<ssd:System name="inner"><ssd:Elements><ssd:Component name="x" source="resources/BeamPlant.fmu"/>'
+          '</ssd:Elements></ssd:System></ssd:Elements>')
+REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
+    "unknown element": ([("<ssd:SystemGeometry", '<ssd:Surprise/><ssd:SystemGeometry')],
+                        r"must be valid by the schema of SSP 1\.0: line \d+: Element 'Surprise': This element is not"),
+    "unknown attribute": ([('kind="input"', 'kind="input" colour="red"')], "The attribute 'colour' is not allowed"),
+    "unknown kind": ([('kind="input"', 'kind="sideways"')], "The value 'sideways' is not an element of the set"),
+    "version": ([('version="1.0" name', 'version="2.0" name')], r"must be of SSP 1\.0, its version, got '2\.0'"),
+    "next version": ([('version="1.0" name', 'version="1.1" name')], r"must be of SSP 1\.0, its version, got '1\.1'"),
+    "not XML": ([("</ssd:System>", "")], "is not well-formed XML"),
+    "nested system": ([("</ssd:Elements>", NESTED)], "nested systems are not supported, got 'inner'"),
+    "dictionary": ([("</ssd:Elements>", '<ssd:SignalDictionaryReference name="d" dictionary="e"/></ssd:Elements>')],
+                   "signal dictionaries are not supported, got 'd'"),
+    "system connector": ([("<ssd:Elements>", '<ssd:Connectors><ssd:Connector name="f" kind="input"/></ssd:Connectors>'
+                           "<ssd:Elements>")], "connectors of the system are not supported"),
+    "transformation": ([(FIRST, r'\1 endElement="feedforward" endConnector="y_target[1]"><ssc:LinearTransformation '
+                         'factor="2"/></ssd:Connection>')], r"transformations are not supported, got 'y_target\[1\]'"),
+    "model exchange": ([('implementation="CoSimulation"', 'implementation="ModelExchange"')],
+                       "must be an FMU for co-simulation, got 'ModelExchange'"),
+    "other component": ([("application/x-fmu-sharedlibrary", "application/x-ssp-package")],
+                        "must be an FMU for co-simulation, got 'application/x-ssp-package'"),
+    "missing FMU": ([("resources/BeamPlant.fmu", "resources/Beam.fmu")],
+                    r"Component plant source must be a file in the package, got 'resources/Beam\.fmu'"),
+    "FMU outside": ([("resources/BeamPlant.fmu", "../../BeamPlant.fmu")], "must be a path inside the package"),
+    "FMU outside, quoted": ([("resources/BeamPlant.fmu", "%2e%2e/BeamPlant.fmu")], "must be a path inside the package"),
+    "FMU by its place": ([("resources/BeamPlant.fmu", "/etc/passwd")], "must be a path inside the package"),
+    "FMU by address": ([("resources/BeamPlant.fmu", "http://example.org/BeamPlant.fmu")],
+                       "must be a path inside the package"),
+    "FMU by file address": ([("resources/BeamPlant.fmu", "file:///etc/passwd")], "must be a path inside the package"),
+    "missing set": ([("resources/plant.ssv", "resources/plants.ssv")], "must be a file in the package"),
+    "set outside": ([("resources/plant.ssv", "../plant.ssv")], "must be a path inside the package"),
+    "parameter mapping": ([(r'source="resources/plant.ssv" />', 'source="resources/plant.ssv"><ssd:ParameterMapping/>'
+                            "</ssd:ParameterBinding>")], "parameter mappings are not supported"),
+    "name": ([('name="plant"', 'name="my plant"')], "must have a name of letters, digits and underscores"),
+    "two of a name": ([('<ssd:Component name="plant"', '<ssd:Component name="controller"')],
+                      "must have a name of its own, got 'controller'"),
+    "two connectors": ([(r'name="u\[1\]" kind="input"', 'name="force[1]" kind="input"')],
+                       r"must have each connector once, got 'force\[1\]'"),
+    "lost connector": ([(r'name="u\[1\]" kind="input"', 'name="v" kind="input"')],
+                       r"must join connectors of components, got 'plant\.u\[1\]'"),
+    "unknown variable": ([(r'startConnector="y_pm\[1\]"', 'startConnector="y_pn"'),
+                          (r'name="y_pm\[1\]" kind="output"', 'name="y_pn" kind="output"')],
+                         "plant.y_pn is no variable of its FMU; did you mean 'y_p"),
+    "other causality": ([(FIRST, ""), (r'name="y_target\[1\]" kind="input"', 'name="y_target[1]" kind="output"')],
+                        r"feedforward\.y_target\[1\] is an output in the package and input in its FMU"),
+    "backwards": ([(FIRST, r'startElement="plant" startConnector="y_pi[1]" endElement="plant" endConnector="y_pm[1]" />')],
+                  "must join an output and an input"),
+    "two drivers": ([(FIRST, r'startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]" />')],
+                    r"must not drive an input that is driven already, got 'plant\.u\[1\]'"),
+    "other type": ([(r'(name="y_pi\[1\]" kind="output">\s*)<ssc:Real[^>]*/>', r"\1<ssc:Integer/>")],
+                   r"plant\.y_pi\[1\] is Integer in the package and Real in its FMU"),
+    "other unit": ([(r'(name="y_pi\[1\]" kind="output">\s*)<ssc:Real[^>]*/>', r'\1<ssc:Real unit="V"/>')],
+                   r"plant\.y_pi\[1\] has the unit 'V' in the package and 'm' in its FMU"),
+    "units of a connection": ([(FIRST, r'startElement="source" startConnector="force[1]" endElement="feedforward" '
+                                'endConnector="y_target[1]" />')],
+                              r"connection source\.force\[1\] to feedforward\.y_target\[1\] joins the units 'N' and 'm'"),
+    "start time": ([('startTime="0.0"', 'startTime="1.0"')], r"startTime must be 0, got '1\.0'"),
+    "stop time": ([('stopTime="0.1"', 'stopTime="INF"')], "stop_time must be finite and > 0"),
+    "uneven stop time": ([('stopTime="0.1"', 'stopTime="0.10013"')], "stop_time must be a whole number of steps"),
+    "entity": ([(r"\?>", '?><!DOCTYPE a [<!ENTITY b "c">]>')], "must have no document type declaration"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_supported_is_refused_in_one_line(case: str, shop: Shop, tmp_path: Path,
+                                                      capsys: pytest.CaptureFixture[str],
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    changes, message = REFUSED[case]
+    path = shop.changed("bad", *changes)
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert re.search(message, error), error
+    assert error.count("\n") == 1
+    assert error.startswith(f"flexbeams: {path}: ")
+    left = sorted(p.name for p in tmp_path.rglob("*"))
+    assert left in (["temporary"], ["bad", "results", "temporary"])   # a folder for results, where a run may begin
+
+
+@pytest.mark.parametrize(("name", "replacement", "message"), [
+    ("resources__BeamPlant_fmu", b"nothing", "must be an FMU .is not a readable archive"),
+    ("SystemStructure_ssd", None, "SystemStructure.ssd must be in the package"),
+    ("resources__plant_ssv", b"<a/>", "resources/plant.ssv must be valid by the schema of SSP 1.0: line 1"),
+    ("resources__plant_ssv", b"<a", "resources/plant.ssv: is not well-formed XML")])
+def test_damaged_parts_are_refused(name: str, replacement: bytes | None, message: str, shop: Shop) -> None:
+    path = shop.changed("damaged", **{name: replacement})
+    with pytest.raises(InputError, match=message):
+        run_package(path, shop.settings)
+    assert len(package_problems(path)) == 1
+
+
+def test_an_fmu_of_another_kind_is_refused(shop: Shop) -> None:
+    for version, inside in (("3.0", "<CoSimulation/>"), ("2.0", "<ModelExchange/>")):
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w") as archive:
+            archive.writestr("modelDescription.xml",
+                             f'<fmiModelDescription fmiVersion="{version}">{inside}</fmiModelDescription>')
+        path = shop.changed("kind", resources__BeamPlant_fmu=buffer.getvalue())
+        with pytest.raises(InputError, match=r"Component plant source must be an FMI 2\.0 co-simulation unit"):
+            run_package(path, shop.settings)
+
+
+def test_a_set_s_values_must_fit_their_variables(shop: Shop) -> None:
+    name, place = r'(name="beam\[1\]\.tip_mass">\s*)<ssv:Real value="[^"]*" unit="kg" />', "resources/plant.ssv"
+    for value, message in (('<ssv:Real value="-1"/>', r"plant\.beam\[1\]\.tip_mass must be finite and from 0 to inf"),
+                           ('<ssv:Real value="INF"/>', "must be finite"),
+                           ('<ssv:Integer value="1"/>', "is Integer in the parameter set and Real in its FMU"),
+                           ('<ssv:Real value="1" unit="m"/>', "has the unit 'm' in the parameter set and 'kg'"),
+                           ('<ssv:Enumeration value="1"/>', "must be one of Real, Integer, Boolean, String")):
+        with pytest.raises(InputError, match=message):
+            run_package(shop.changed("values", (name, r"\1" + value), where=place), shop.settings)
+    with pytest.raises(InputError, match=r"plant\.beam\[9\]\.tip_mass is no variable of its FMU"):
+        run_package(shop.changed("values", (r"beam\[1\]\.tip_mass", "beam[9].tip_mass"), where=place), shop.settings)
+
+
+def test_validation_tells_of_everything_at_once(shop: Shop, capsys: pytest.CaptureFixture[str]) -> None:
+    path = shop.changed("several", REFUSED["other unit"][0][0], REFUSED["units of a connection"][0][0])
+    assert main(["validate", str(path)]) == 1
+    assert capsys.readouterr().out.count("\n") == 2
+    path = shop.changed("starts", (r'(name="beam\[1\]\.tip_mass">\s*<ssv:Real value=)"[^"]*"', r'\1"0.5"'),
+                        where="resources/plant.ssv")
+    (problem,) = package_problems(path)
+    assert re.fullmatch(r"plant\.beam\[1\]\.tip_mass is 0\.5 in the parameter set and 0\.\d+ in its FMU", problem)
+    assert main(["validate", str(path), str(shop.package)]) == 1
+    assert main(["validate", str(shop.package)]) == 0
+
+
+def test_parameter_sets_are_applied(shop: Shop) -> None:
+    """Inline or in a file, of the component or of the system, the system's last."""
+    def end(path: Path) -> float:
+        run = run_package(path, shop.settings).recording
+        return float(run.values[-1, run.columns.index("plant.y_pi[1]")])
+
+    def inline(name: str) -> str:
+        return ('<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" '
+                f'name="p"><ssv:Parameters><ssv:Parameter name="{name}"><ssv:Real value="0.5"/></ssv:Parameter>'
+                "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
+                "</ssd:ParameterBindings>")
+
+    own = end(shop.package)
+    file = shop.changed("file", (r'(name="beam\[1\]\.tip_mass">\s*<ssv:Real value=)"[^"]*"', r'\1"0.5"'),
+                        where="resources/plant.ssv")
+    bindings = r'<ssd:ParameterBindings>\s*<ssd:ParameterBinding [^>]*resources/plant.ssv" />\s*</ssd:ParameterBindings>'
+    component = shop.changed("component", (bindings, inline("beam[1].tip_mass")))
+    system = shop.changed("system", ("<ssd:Elements>", inline("plant.beam[1].tip_mass") + "<ssd:Elements>"))
+    values = {end(file), end(component), end(system)}
+    assert len(values) == 1
+    assert values != {own}
+    with pytest.raises(InputError, match="names no component of the system, got 'plan'"):
+        end(shop.changed("lost", ("<ssd:Elements>", inline("plan.beam[1].tip_mass") + "<ssd:Elements>")))
+
+
+def test_the_step_comes_from_an_annotation_the_units_or_the_command_line(shop: Shop) -> None:
+    own, osp, oms = ("<flexbeams:Run [^>]*/>", "<osp:FixedStepAlgorithm [^>]*/>", "<oms:FixedStepMaster [^>]*/>")
+    half = shop.changed("half", (own, '<flexbeams:Run stepSize="1e-4"/>'))
+    assert run_package(half, shop.settings).recording.steps == 1000
+    half = shop.changed("half", (own, ""), (osp, '<osp:FixedStepAlgorithm baseStepSize="1e-4"/>'))
+    assert run_package(half, shop.settings).recording.steps == 1000
+    half = shop.changed("half", (own, ""), (osp, ""), (oms, '<oms:FixedStepMaster stepSize="1e-4"/>'))
+    assert run_package(half, shop.settings).recording.steps == 1000
+    silent = shop.changed("silent", (own, ""), (osp, ""), (oms, ""))
+    assert run_package(silent, shop.settings).recording.steps == 500
+    assert main(["run", str(silent), "--step", "5e-4", "--out", str(shop.folder / "out")]) == 0
+    assert np.diff(read_results(shop.folder / "out/results.csv").time) == pytest.approx(np.full(200, 5e-4))
+
+
+def test_options_of_a_run_hold_for_packages(shop: Shop, capsys: pytest.CaptureFixture[str]) -> None:
+    out = shop.folder / "options"
+    assert main(["run", str(shop.package), "--out", str(out), "--set", "plant.beam[1].tip_mass=0.5", "--stop-time",
+                 "0.05", "--decimate", "10", "--coupling", "gauss-seidel"]) == 0
+    recording = read_results(out / "results.csv")
+    assert recording.time == pytest.approx(np.arange(26) * 10 * STEP)
+    assert "source.force[1]" in recording.columns
+    assert capsys.readouterr().out.startswith("pushed: ")
+    for options, message in ((["--structure", "kiel"], "--structure belongs to scenarios"),
+                             (["--basis", "segment"], "--basis belongs to scenarios"),
+                             (["--set", "plant.u=1"], "--set must not set an input that the scenario drives"),
+                             (["--set", "plan.u=1"], "--set names an unknown instance 'plan'; did you mean 'plant'")):
+        assert main(["run", str(shop.package), *options]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["run", str(shop.folder / "lost.ssp")]) == 2
+    assert capsys.readouterr().err == f"flexbeams: {shop.folder / 'lost.ssp'}: must be a file\n"
+
+
+def test_a_source_stepped_first_is_early_under_gauss_seidel_only(shop: Shop) -> None:
+    """What the documentation of SignalSource says of masters that pass on new values at once."""
+    source = re.search(r'<ssd:Component name="source".*?</ssd:Component>', shop.entries["SystemStructure.ssd"].decode(),
+                       re.DOTALL)
+    assert source is not None
+    text = source.group()
+    first = shop.changed("first", (re.escape(text), ""), ("<ssd:Elements>", "<ssd:Elements>" + text))
+
+    def run(path: Path, coupling: Any) -> Any:
+        settings = Settings(frames=False, build_folder=shop.settings.build_folder, coupling=coupling)
+        recording = run_package(path, settings).recording
+        return recording.values[:, recording.columns.index("plant.y_pi[1]")]
+
+    assert np.array_equal(run(first, "jacobi"), run(shop.package, "jacobi"))
+    last, early = run(shop.package, "gauss-seidel"), run(first, "gauss-seidel")
+    assert np.max(np.abs(last)) > 1e-4
+    assert early[:-1] == pytest.approx(last[1:], rel=1e-3, abs=1e-3 * np.max(np.abs(last)))
+    assert not np.allclose(early, last, rtol=1e-3, atol=1e-3 * np.max(np.abs(last)))
+
+
+LAG = '''<?xml version="1.0"?>
+<ssd:SystemStructureDescription version="1.0" name="lags" xmlns:ssd="{SSP}Description" xmlns:ssc="{SSP}Common"
+    xmlns:ssv="{SSP}ParameterValues">
+  <ssd:System name="lags"><ssd:Elements>
+    <ssd:Component name="one" source="resources/the%20lag.fmu">
+      <ssd:Connectors>
+        <ssd:Connector name="u[1]" kind="input"/><ssd:Connector name="y[1]" kind="output"><ssc:Real/></ssd:Connector>
+        <ssd:Connector name="positive" kind="output"><ssc:Boolean/></ssd:Connector>
+      </ssd:Connectors>
+      <ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>
+        <ssv:ParameterSet version="1.0" name="own"><ssv:Parameters>
+          <ssv:Parameter name="label"><ssv:String value="theirs"/></ssv:Parameter>
+          <ssv:Parameter name="sluggish"><ssv:Boolean value="true"/></ssv:Parameter>
+          <ssv:Parameter name="substeps"><ssv:Integer value="3"/></ssv:Parameter>
+          <ssv:Parameter name="u[2]"><ssv:Real value="0.25"/></ssv:Parameter>
+        </ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>
+    </ssd:Component>
+    <ssd:Component name="two" source="resources/the%20lag.fmu">
+      <ssd:Connectors><ssd:Connector name="u[1]" kind="input"/><ssd:Connector name="y[2]" kind="output"/>
+      </ssd:Connectors>
+    </ssd:Component></ssd:Elements>
+    <ssd:Connections>
+      <ssd:Connection startElement="one" startConnector="y[1]" endElement="two" endConnector="u[1]"{more}/>
+      <ssd:Connection startElement="one" startConnector="u[1]" endElement="two" endConnector="y[2]"/>
+    </ssd:Connections>
+  </ssd:System>
+</ssd:SystemStructureDescription>
+'''.replace("{SSP}", "http://ssp-standard.org/SSP1/SystemStructure")
+
+
+def lag_package(folder: Path, more: str = "") -> Path:
+    fmu = build_lag(folder / "lag.fmu")
+    with zipfile.ZipFile(folder / "lags.ssp", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("SystemStructure.ssd", LAG.replace("{more}", more))
+        archive.write(fmu, "resources/the lag.fmu")
+    return folder / "lags.ssp"
