@@ -74,12 +74,16 @@ def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, sl
     """The planner's table, for transition times up to 16 periods of the slowest mode (rad/s).
 
     It starts at half a period or where the shape passes AMPLIFICATION: above, it is spikes between the places.
-    Raises DesignError where all of it is.
+    Raises DesignError where all of it is, and where derivatives of this degree leave the range of doubles.
     """
     period = 2 * np.pi / slowest
     times = period * np.geomspace(0.5, 16, TABULATED_TIMES)
-    series = transition_series(transition, flat.degree, places(TABULATED_INTERVALS))
-    values = np.array([input_shape(flat, series, float(T)) for T in times])
+    with np.errstate(over="ignore", invalid="ignore"):
+        series = transition_series(transition, flat.degree, places(TABULATED_INTERVALS))
+        values = np.array([input_shape(flat, series, float(T)) for T in times])
+    if not (np.isfinite(series).all() and np.isfinite(values[-1]).all()):
+        raise DesignError(f"derivatives of the flat output up to degree {flat.degree} exceed the range of doubles; "
+                          "take a smaller reduced_modes")
     fitting = np.max(np.abs(values), axis=1) <= AMPLIFICATION
     if not fitting[-2:].all():
         raise DesignError(f"a transition of {times[-1]:.3g} s still takes {np.max(np.abs(values[-1])):.3g} times the "

@@ -77,8 +77,12 @@ class UnitInstance:
         try:
             self._fmu = FMU2Slave(guid=description.guid, unzipDirectory=str(folder), instanceName=name,
                                   modelIdentifier=description.coSimulation.modelIdentifier)
+        except Exception as error:
+            raise UnitFailure(name, 0.0, "loading its library", str(error)) from None
+        try:
             self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
         except Exception as error:
+            self._fmu.freeLibrary()
             raise UnitFailure(name, 0.0, "fmi2Instantiate", self.reason or str(error)) from None
         self.component = self._fmu.component
         self._functions = {}

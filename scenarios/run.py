@@ -237,9 +237,11 @@ def write_run(run: Run, folder: Path, figures: bool = True, report: bool = True,
               formats: Sequence[Format] = ("csv",)) -> None:
     """results.csv (or other formats), summary.json, the scenario's figures and report.html.
 
-    A report, or results in other formats, of an earlier run go.
+    A report, figures, or results in other formats, of an earlier run go.
     """
-    (folder / "report.html").unlink(missing_ok=True)
+    drawn = [f"{figure.file}.{kind}" for figure in run.scenario.figure for kind in ("png", "svg")]
+    for name in ("report.html", *drawn):
+        (folder / name).unlink(missing_ok=True)
     write_results(folder, run.recording, run.summary, formats)
     if figures and run.recording.complete:
         from scenarios.figures import draw_figures

@@ -10,7 +10,7 @@ from fmpy.validation import validate_fmu
 from plant.errors import InputError, suggestion
 from scenarios.archives import Allowance
 from scenarios.extraction import unit_description
-from scenarios.ssp_import import Component, Connector, Package, Parameter, open_package
+from scenarios.ssp_import import Component, Connector, Package, Parameter, Wire, open_package
 
 Value = float | bool | str
 
@@ -61,7 +61,7 @@ def structure_problems(package: Package, descriptions: Mapping[str, Any]) -> lis
         for parameter in component.parameters:
             problems += [f"{name}.{parameter.name} {p}" for p in _parameter(parameter, variables, dimensions)]
     for wire in package.wires:
-        problems += _wire(package, descriptions, wire.start, wire.end)
+        problems += _wire(package, descriptions, wire)
     return problems
 
 
@@ -118,8 +118,8 @@ def _parameter(parameter: Parameter, variables: Mapping[str, Any], dimensions: M
         yield f"has the unit {parameter.unit!r} in the parameter set and {variable.unit!r} in its FMU"
 
 
-def _wire(package: Package, descriptions: Mapping[str, Any], start: tuple[str, str],
-          end: tuple[str, str]) -> Iterator[str]:
+def _wire(package: Package, descriptions: Mapping[str, Any], wire: Wire) -> Iterator[str]:
+    start, end = wire.start, wire.end
     text = f"connection {'.'.join(start)} to {'.'.join(end)}"
     kinds, units = [], []
     for owner, name in (start, end):
@@ -131,7 +131,7 @@ def _wire(package: Package, descriptions: Mapping[str, Any], start: tuple[str, s
     if kinds != ["Real", "Real"]:
         yield f"{text} joins {kinds[0]} and {kinds[1]}, connections of Real alone are supported"
     dimensions = _dimensions(package, descriptions[start[0]]) | _dimensions(package, descriptions[end[0]])
-    if not _same_unit(units[0], units[1], dimensions):
+    if wire.converted and not _same_unit(units[0], units[1], dimensions):
         yield f"{text} joins the units {units[0]!r} and {units[1]!r}, conversions are not supported"
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from fmus.build import native_unit
+from fmus.errors import InterfaceError
 from fmus.native_backend import NativeUnit, build_native_units
 from fmus.signal_source import signal_source, source_data
 from fmus.units import BASE_UNITS
@@ -151,7 +152,10 @@ def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[Na
     connected = {f"{n}.{i}" for n, inputs in draft.plan.inputs.items() for i, place in inputs if place in outputs}
     signals, driven = source_signals(scenario, path.parent, {n: i.variables for n, i in draft.instances.items()},
                                      draft.starts, connected)
-    interface = signal_source(signals, draft.step, scenario.stop_time)
+    try:
+        interface = signal_source(signals, draft.step, scenario.stop_time)
+    except InterfaceError as error:   # inputs of others whose names cannot be those of outputs
+        raise InputError("input", str(error), source=str(path)) from None
     data, meta = source_data(interface, signals)
     return NativeUnit(interface=interface, data=data, meta=meta, out=out), driven
 

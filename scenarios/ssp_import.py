@@ -54,6 +54,7 @@ class Wire:
 
     start: tuple[str, str]   # component and connector
     end: tuple[str, str]
+    converted: bool = True   # units that differ would be converted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +245,8 @@ class _Reader:
                 raise self._error("Connection", "must not drive an input that is driven already",
                                   ".".join(ends[1]))
             driven.add(ends[1])
-            wires.append(Wire(start=ends[0], end=ends[1]))
+            suppressed = c.get("suppressUnitConversion", "false") in ("true", "1")
+            wires.append(Wire(start=ends[0], end=ends[1], converted=not suppressed))
         return wires
 
 

@@ -42,7 +42,8 @@ class Case:
 
 CASES = {
     "step_response": Case(stop=1.0, times={"1.0": "0.02"}, options={"step": (0.02, (817.0, -770.0, -807.0, 781.0))}),
-    "feedforward": Case(stop=1.0, times={"1.0": "0.02"}, options={"use_controller": False, "targets": [(0.02, TARGET)]}),
+    "feedforward": Case(stop=1.0, times={"1.0": "0.02"},
+                        options={"use_controller": False, "targets": [(0.02, TARGET)]}),
     "tracking": Case(stop=1.0, times={"1.0": "0.02"}, options={"targets": [(0.02, TARGET)]}),
     "disturbance_open_loop": Case(stop=1.0, times={"1.0": "0.02"}, options={"step": (0.0, (0.0,) * 4), "blow": 0.02}),
     "disturbance": Case(stop=1.0, times={"1.0": "0.02"}, options={"blow": 0.02}),
@@ -51,7 +52,8 @@ CASES = {
                     (0.95, (0.0,) * 4)]}),
     "high_fidelity": Case(stop=1.0, times={"1.0": "0.02"}, basis="segment", options={"targets": [(0.02, TARGET)]}),
     "mismatch": Case(stop=1.0, times={"1.0": "0.02"}, options={"targets": [(0.02, TARGET)], "parameters": MISMATCH}),
-    "single_beam": Case(stop=1.0, times={"1.0": "0.02"}, structure="single_beam", options={"targets": [(0.02, (-5e-3,))]}),
+    "single_beam": Case(stop=1.0, times={"1.0": "0.02"}, structure="single_beam",
+                        options={"targets": [(0.02, (-5e-3,))]}),
     "five_beams": Case(stop=0.6, times={"1.0": "0.02"}, structure="five_beams", options={
         "targets": [(0.02, (-5e-3, 1.7e-3, 2.4e-3, 0.8e-3, -0.5e-3, 7e-3))]}),
 }
@@ -160,7 +162,8 @@ def test_parameters_of_feedforward_and_controller(at_run_folder: Path, write_sce
 
 def test_order_of_the_instances_does_not_matter_to_jacobi(at_run_folder: Path, write_scenario: Write) -> None:
     """Initial values too pass along the whole chain when it stands in the file the other way round."""
-    text = shortened("tracking").replace("targets = [{", "targets = [{ time = 0.0, value = [-2e-3, 0.0, 1e-3, -1e-3] }, {")
+    text = shortened("tracking").replace("targets = [{",
+                                         "targets = [{ time = 0.0, value = [-2e-3, 0.0, 1e-3, -1e-3] }, {")
     blocks = re.findall(r"^\[instance\.[^\[]*", text, flags=re.M)
     start = text.index(blocks[0])
     reverse = text[:start] + "".join(reversed(blocks)) + text[start + sum(map(len, blocks)):]

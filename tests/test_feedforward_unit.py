@@ -225,7 +225,8 @@ def test_whole_motion_is_kept_within_the_limit(workshop: Workshop) -> None:
 def test_preview_shifts_the_outputs(workshop: Workshop, preview: float) -> None:
     steps = round(preview / SAMPLE)
     targets = {10: TARGET, 2510: 0.3 * TARGET}
-    with loaded(workshop.folder("FlatnessFeedforward")) as plain, loaded(workshop.folder("FlatnessFeedforward")) as ahead:
+    folder = workshop.folder("FlatnessFeedforward")
+    with loaded(folder) as plain, loaded(folder) as ahead:
         later = trace(plain.begin(), 8000 + steps, y_target=targets)
         found = trace(ahead.begin(preview=preview), 8000, y_target=targets)
     # Up to a change of the target the preview knows nothing of it

@@ -188,6 +188,13 @@ def test_voltages_that_stay_too_large_at_any_duration_are_refused() -> None:
         tabulate_input_shapes(flat, TRANSITION, 2.0)
 
 
+@pytest.mark.parametrize("degree", [200, 400])
+def test_a_degree_beyond_the_range_of_doubles_is_refused(degree: int) -> None:
+    flat = FlatParameterisation(input=np.ones(degree + 1), state=np.zeros((degree, degree, 1)))
+    with pytest.raises(DesignError, match=f"up to degree {degree} exceed the range of doubles; take a smaller"):
+        tabulate_input_shapes(flat, TRANSITION, 20.0)
+
+
 def test_cancellation_counts_lost_digits() -> None:
     """1 where all terms have one sign; the terms' magnitudes over their sum otherwise."""
     flat = parameterisation(design("kiel"))

@@ -42,10 +42,10 @@ FUNCTIONS = sorted(name for name in {*dir(fmpy.fmi2.FMU2Slave), *dir(fmpy.fmi2.F
 
 
 @needs_zig
-@pytest.mark.parametrize(("structure", "basis"), [(s, b) for s in STRUCTURES for b in ("clamped_free", "segment")])
-def test_fmpy_has_no_complaint(structure: str, basis: str) -> None:
-    for unit in UNITS[:1] if structure == "five_beams" else UNITS:
-        assert validate_fmu(str(native_fmus(structure, basis) / f"{unit}.fmu")) == []
+@pytest.mark.parametrize("unit", UNITS)
+def test_fmpy_has_no_complaint(unit: str) -> None:
+    """FMPy takes seconds for the plant's many names; other structures and bases change no rule."""
+    assert validate_fmu(str(native_fmus() / f"{unit}.fmu")) == []
 
 
 @needs_zig

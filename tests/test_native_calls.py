@@ -270,15 +270,26 @@ def test_foreign_and_damaged_states_are_refused() -> None:
         flipped = bytearray(good)
         flipped[len(good) // 2] ^= 1
         newer = good[:8] + b"\x02" + good[9:]
-        phase = bytearray(good)
-        phase[56] = 9
-        phase[12:16] = struct.pack("<I", zlib.crc32(bytes(phase[16:])))
+
+        def forged(place: int, content: bytes) -> bytes:
+            """Other contents with a checksum that fits."""
+            changed = bytearray(good)
+            changed[place:place + len(content)] = content
+            changed[12:16] = struct.pack("<I", zlib.crc32(bytes(changed[16:])))
+            return bytes(changed)
+
+        values = {name: 336 + 8 * one.references[name] for name in ("u[1]", "beam[1].tip_mass", "noise_seed")}
+        impossible = [forged(56, b"\x09"), forged(64, struct.pack("<d", np.inf)), forged(80, b"x" * 256),
+                      forged(values["u[1]"], struct.pack("<d", np.nan)),
+                      forged(values["beam[1].tip_mass"], struct.pack("<d", -1.0)),
+                      forged(values["noise_seed"], struct.pack("<d", 1e300))]
         rules = {alien: "must be of the same unit and design, got that of another",
                  bytes(flipped): f"must be complete and unchanged, got {len(good)} damaged bytes",
                  good[:-1]: f"must be complete and unchanged, got {len(good) - 1} damaged bytes",
                  good[:20]: "must be one that this unit saved, got something else",
                  b"junk" * 200: "must be one that this unit saved, got something else",
-                 newer: "must have version 1, got 2", bytes(phase): "must have contents that this unit can have saved"}
+                 newer: "must have version 1, got 2",
+                 **dict.fromkeys(impossible, "must have contents that this unit can have saved")}
         for content, rule in rules.items():
             assert one.call("deSerializeFMUstate", content) == ERROR
             assert one.lines[0][3] == f"fmi2DeSerializeFMUstate: FMU state {rule}"

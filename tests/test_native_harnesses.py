@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import shutil
 import sys
 from pathlib import Path
 
@@ -58,6 +59,31 @@ def test_random_calls(unit: str) -> None:
     program = compiled("fuzz", unit, "clang", "-O1", "-g", "-fsanitize=fuzzer,address,undefined",
                        "-fno-sanitize-recover=all", small=True)
     run([str(program), "-seed=1", "-runs=4000", "-max_len=300", "-verbosity=0", f"-artifact_prefix={workspace()}/"])
+
+
+@on_linux
+@needs("gcc")
+@pytest.mark.parametrize("place", ["C", "de_DE.UTF-8"])
+def test_numbers_in_the_log_are_written_as_by_python(place: str) -> None:
+    """With all digits, in any locale."""
+    environment = dict(os.environ)
+    if place != "C":
+        if shutil.which("localedef") is None or not Path("/usr/share/i18n/locales/de_DE").exists():
+            pytest.skip("not installed: locales")
+        environment["LOCPATH"] = str(workspace() / "locales")
+        Path(environment["LOCPATH"]).mkdir()
+        run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(workspace() / "locales" / place)])
+    rng = np.random.default_rng(3)
+    special = [0.5, -0.0, 1e5, 1e-5, 1e-4, 3.0, 1e15, 1e16, 1.234e22, 123456789012345680.0, 9007199254740993.0, 5e-324,
+               1.7976931348623157e308, 0.1 + 0.2]
+    numbers = (rng.normal(size=200) * 10.0 ** rng.integers(-12, 14, 200)).tolist() + special
+    program = compiled("texts", "TrackingController", "gcc", "-O1")
+    lines = run([str(program), place, *map(repr, numbers)], env=environment).splitlines()
+    for number, line in zip(numbers, lines, strict=False):
+        whole, general, rounded = line.split()
+        assert (whole, general) == (repr(number), f"{number:.6g}")
+        assert rounded == f"{number:.1f}" or abs(number) >= 1e15
+    assert lines[len(numbers):] == ["'100 ?s?' -3 7"]
 
 
 @on_linux

@@ -1,6 +1,6 @@
 """SignalSource gives at every communication point what the runner's own signals give, whatever the steps."""
 
-from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -91,15 +91,15 @@ class Source:
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Source]:
-    yield Source(tmp_path_factory.mktemp("source"))
+def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    return Source(tmp_path_factory.mktemp("source"))
 
 
 def walk(source: Source, array: str, times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Outputs at each of the times, the first of which is that of the initialisation."""
     fmu = source.instance(times[0])
     rows = [source.read(fmu, array)]
-    for begin, end in zip(times[:-1], times[1:], strict=True):
+    for begin, end in pairwise(times):
         fmu.doStep(begin, end - begin)
         rows.append(source.read(fmu, array))
     fmu.terminate()
@@ -154,6 +154,11 @@ def test_parameters_are_the_scenario_s_and_can_be_changed(source: Source) -> Non
     fmu.freeInstance()
 
 
+def _begin(unit: UnitInstance, name: str, value: float) -> None:
+    unit.set_start(name, value)
+    unit.call("exitInitializationMode")
+
+
 @pytest.mark.parametrize(("name", "value", "message"), [
     ("chirp_chirp.duration", 0.0, r"chirp_chirp\.duration must be finite and > 0, got 0\.0"),
     ("pulse_2_pulse.duration", 0.0, r"pulse_2_pulse\.duration must be finite and > 0"),
@@ -166,8 +171,7 @@ def test_parameters_that_make_no_signal_are_refused(source: Source, name: str, v
         unit.call("setupExperiment")
         unit.call("enterInitializationMode")
         with pytest.raises(UnitFailure, match=message):
-            unit.set_start(name, value)
-            unit.call("exitInitializationMode")
+            _begin(unit, name, value)
 
 
 def test_states_are_restored(source: Source) -> None:
@@ -194,7 +198,8 @@ def test_the_unit_is_valid_and_its_bytes_are_those_of_its_contents(source: Sourc
 def test_inputs_of_one_name_on_two_instances_get_outputs_of_their_own(tmp_path: Path) -> None:
     u = {f"u[{k}]": SimpleNamespace(name=f"u[{k}]", type="Real", causality="input", start="0", unit="V", nominal=None)
          for k in (1, 2)}
-    scenario = Scenario(title="", structure="", stop_time=1.0, instance={"a": Instance(fmu="x"), "b": Instance(fmu="x")},
+    both = {"a": Instance(fmu="x"), "b": Instance(fmu="x")}
+    scenario = Scenario(title="", structure="", stop_time=1.0, instance=both,
                         input=[Input(to="a.u", constant=1.0), Input(to="b.u[2]", constant=2.0)])
     signals, outputs = source_signals(scenario, tmp_path, {"a": u, "b": u}, {}, ("b.u[1]",))
     assert outputs == {"a.u[1]": "a_u[1]", "a.u[2]": "a_u[2]", "b.u[2]": "b_u[2]"}

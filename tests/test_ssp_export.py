@@ -2,7 +2,8 @@
 
 import hashlib
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -72,7 +73,7 @@ def test_the_package_runs_as_its_scenario(scenario: str, coupling: Any, export: 
     assert package.recording.steps == own.recording.steps == round(stop / STEP)
     assert package.summary["coupling"] == coupling
     assert package.summary["design_id"] == own.design.design_id
-    assert np.max(np.abs(own.recording.values[:, own.recording.columns.index("controller.u[1]")])) > 10
+    assert np.max(np.abs(own.recording.values[:, own.recording.columns.index("controller.u[1]")])) > 1
     assert deviation(own.recording, package.recording) <= 1e-12
 
 
@@ -122,12 +123,12 @@ def test_fmpy_starts_constants_a_step_late(write_scenario: Callable[[str, str], 
 
 
 @pytest.fixture(scope="module")
-def changed(export: Export) -> Iterator[tuple[Path, Path]]:
+def changed(export: Export) -> tuple[Path, Path]:
     """A package with start values of its own, and the folder that it is extracted to."""
     path = export("mismatch", stop_time=0.1,
                   values={"plant.beam[2].tip_mass": 0.033, "plant.strain_noise_std": 1e-7, "plant.noise_seed": 5.0,
                           "controller.feedback": False, "plant.force": [0.0, 0.5, 0.0]})
-    yield path, Path(fmpy.extract(str(path), unzipdir=str(path.parent / "extracted")))
+    return path, Path(fmpy.extract(str(path), unzipdir=str(path.parent / "extracted")))
 
 
 def test_start_values_are_equal_in_description_kernel_and_parameter_set(changed: tuple[Path, Path]) -> None:
@@ -235,7 +236,7 @@ def test_the_diagram_is_tidy(scenario: str, export: Export) -> None:
         assert len(set(places)) == len(places)
     order = sorted(blocks, key=lambda name: blocks[name][0])
     assert order == ["source", "feedforward", "controller", "plant"]
-    assert all(blocks[a][2] < blocks[b][0] for a, b in zip(order[:-1], order[1:], strict=True))
+    assert all(blocks[a][2] < blocks[b][0] for a, b in pairwise(order))
 
 
 def test_equal_exports_have_equal_bytes(export: Export, tmp_path: Path) -> None:

@@ -3,10 +3,10 @@
 import ctypes
 import gc
 import io
+import os
 import re
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import fmpy
 import numpy as np
 import pytest
 
+from fmus.python_backend import build_python_units
 from plant.errors import InputError
 from scenarios.cli import main
 from scenarios.instance import UnitInstance
@@ -23,10 +24,10 @@ from scenarios.settings import Settings
 from scenarios.ssp_check import package_problems
 from scenarios.ssp_export import export_ssp
 from scenarios.ssp_run import run_package
-from tests.units.lag_interface import build_lag
+from tests.units.lag_interface import a, b, gain, lag_unit, x_start
 
 STEP = 2e-4
-Change = Callable[..., Path]
+CYCLES = int(os.environ.get("FLEXBEAMS_CYCLES", "15"))   # 50 for the full measurement: 200 of loading and unloading
 
 SCENARIO = '''title = "one beam, pushed"
 structure = "single_beam"
@@ -93,8 +94,14 @@ def shop(tmp_path_factory: pytest.TempPathFactory, run_folder: Path) -> Shop:
     return Shop(tmp_path_factory.mktemp("packages"), run_folder / "build/fmus")
 
 
-FIRST = r'(startElement="source" startConnector="y_target\[1\]") endElement="feedforward" endConnector="y_target\[1\]" />'
-OPEN = r'<ssd:Component name="plant"[^>]*>'
+FIRST = r'<ssd:Connection startElement="source" startConnector="y_target\[1\]" [^>]*/>'   # to the feedforward
+
+
+def wire(start: str, end: str) -> str:
+    (a, output), (b, target) = start.split("."), end.split(".")
+    return f'<ssd:Connection startElement="{a}" startConnector="{output}" endElement="{b}" endConnector="{target}" />'
+
+
 NESTED = ('<ssd:System name="inner"><ssd:Elements><ssd:Component name="x" source="resources/BeamPlant.fmu"/>'
           '</ssd:Elements></ssd:System></ssd:Elements>')
 REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
@@ -110,8 +117,9 @@ REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
                    "signal dictionaries are not supported, got 'd'"),
     "system connector": ([("<ssd:Elements>", '<ssd:Connectors><ssd:Connector name="f" kind="input"/></ssd:Connectors>'
                            "<ssd:Elements>")], "connectors of the system are not supported"),
-    "transformation": ([(FIRST, r'\1 endElement="feedforward" endConnector="y_target[1]"><ssc:LinearTransformation '
-                         'factor="2"/></ssd:Connection>')], r"transformations are not supported, got 'y_target\[1\]'"),
+    "transformation": ([(FIRST, wire("source.y_target[1]", "feedforward.y_target[1]").replace(
+        " />", '><ssc:LinearTransformation factor="2"/></ssd:Connection>'))],
+        r"transformations are not supported, got 'y_target\[1\]'"),
     "model exchange": ([('implementation="CoSimulation"', 'implementation="ModelExchange"')],
                        "must be an FMU for co-simulation, got 'ModelExchange'"),
     "other component": ([("application/x-fmu-sharedlibrary", "application/x-ssp-package")],
@@ -140,17 +148,16 @@ REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
                          "plant.y_pn is no variable of its FMU; did you mean 'y_p"),
     "other causality": ([(FIRST, ""), (r'name="y_target\[1\]" kind="input"', 'name="y_target[1]" kind="output"')],
                         r"feedforward\.y_target\[1\] is an output in the package and input in its FMU"),
-    "backwards": ([(FIRST, r'startElement="plant" startConnector="y_pi[1]" endElement="plant" endConnector="y_pm[1]" />')],
+    "backwards": ([(FIRST, wire("plant.y_pi[1]", "plant.y_pm[1]"))],
                   "must join an output and an input"),
-    "two drivers": ([(FIRST, r'startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]" />')],
+    "two drivers": ([(FIRST, wire("controller.u[1]", "plant.u[1]"))],
                     r"must not drive an input that is driven already, got 'plant\.u\[1\]'"),
     "other type": ([(r'(name="y_pi\[1\]" kind="output">\s*)<ssc:Real[^>]*/>', r"\1<ssc:Integer/>")],
                    r"plant\.y_pi\[1\] is Integer in the package and Real in its FMU"),
     "other unit": ([(r'(name="y_pi\[1\]" kind="output">\s*)<ssc:Real[^>]*/>', r'\1<ssc:Real unit="V"/>')],
                    r"plant\.y_pi\[1\] has the unit 'V' in the package and 'm' in its FMU"),
-    "units of a connection": ([(FIRST, r'startElement="source" startConnector="force[1]" endElement="feedforward" '
-                                'endConnector="y_target[1]" />')],
-                              r"connection source\.force\[1\] to feedforward\.y_target\[1\] joins the units 'N' and 'm'"),
+    "units of a connection": ([(FIRST, wire("source.force[1]", "feedforward.y_target[1]"))],
+                              r"source\.force\[1\] to feedforward\.y_target\[1\] joins the units 'N' and 'm'"),
     "start time": ([('startTime="0.0"', 'startTime="1.0"')], r"startTime must be 0, got '1\.0'"),
     "stop time": ([('stopTime="0.1"', 'stopTime="INF"')], "stop_time must be finite and > 0"),
     "uneven stop time": ([('stopTime="0.1"', 'stopTime="0.10013"')], "stop_time must be a whole number of steps"),
@@ -239,7 +246,7 @@ def test_parameter_sets_are_applied(shop: Shop) -> None:
     own = end(shop.package)
     file = shop.changed("file", (r'(name="beam\[1\]\.tip_mass">\s*<ssv:Real value=)"[^"]*"', r'\1"0.5"'),
                         where="resources/plant.ssv")
-    bindings = r'<ssd:ParameterBindings>\s*<ssd:ParameterBinding [^>]*resources/plant.ssv" />\s*</ssd:ParameterBindings>'
+    bindings = r'<ssd:ParameterBindings>\s*<ssd:ParameterBinding [^>]*/plant.ssv" />\s*</ssd:ParameterBindings>'
     component = shop.changed("component", (bindings, inline("beam[1].tip_mass")))
     system = shop.changed("system", ("<ssd:Elements>", inline("plant.beam[1].tip_mass") + "<ssd:Elements>"))
     values = {end(file), end(component), end(system)}
@@ -277,8 +284,8 @@ def test_options_of_a_run_hold_for_packages(shop: Shop, capsys: pytest.CaptureFi
                              (["--set", "plan.u=1"], "--set names an unknown instance 'plan'; did you mean 'plant'")):
         assert main(["run", str(shop.package), *options]) == 2
         assert message in capsys.readouterr().err
-    assert main(["run", str(shop.folder / "lost.ssp")]) == 2
-    assert capsys.readouterr().err == f"flexbeams: {shop.folder / 'lost.ssp'}: must be a file\n"
+    assert main(["run", str(shop.folder / "none.ssp")]) == 2
+    assert capsys.readouterr().err == f"flexbeams: {shop.folder / 'none.ssp'}: must be a file\n"
 
 
 def test_a_source_stepped_first_is_early_under_gauss_seidel_only(shop: Shop) -> None:
@@ -324,16 +331,130 @@ LAG = '''<?xml version="1.0"?>
     </ssd:Component></ssd:Elements>
     <ssd:Connections>
       <ssd:Connection startElement="one" startConnector="y[1]" endElement="two" endConnector="u[1]"{more}/>
-      <ssd:Connection startElement="one" startConnector="u[1]" endElement="two" endConnector="y[2]"/>
+      <ssd:Connection startElement="one" startConnector="u[1]" endElement="two" endConnector="y[2]"{more}/>
     </ssd:Connections>
   </ssd:System>
 </ssd:SystemStructureDescription>
 '''.replace("{SSP}", "http://ssp-standard.org/SSP1/SystemStructure")
 
 
-def lag_package(folder: Path, more: str = "") -> Path:
-    fmu = build_lag(folder / "lag.fmu")
+def lag_package(folder: Path, more: str) -> Path:
+    (fmu,) = build_python_units([lag_unit(folder / "LagUnit.fmu")])
     with zipfile.ZipFile(folder / "lags.ssp", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("SystemStructure.ssd", LAG.replace("{more}", more))
         archive.write(fmu, "resources/the lag.fmu")
     return folder / "lags.ssp"
+
+
+def test_units_of_others_run(tmp_path: Path, shop: Shop, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without annotations, types or a stop time; one FMU for two components, with start values of every type."""
+    settings = Settings(frames=False, build_folder=shop.settings.build_folder, stop_time=0.02)
+    with pytest.raises(InputError, match=r"connection one\.y\[1\] to two\.u\[1\] joins the units 'm' and 'V'"):
+        run_package(lag_package(tmp_path, ""), settings)
+    path = lag_package(tmp_path, ' suppressUnitConversion="true"')
+    run = run_package(path, settings)
+    assert (run.summary["backend"], run.summary["design_id"]) == ("python", "0123abcd")
+    columns = run.recording.columns
+    assert {"one.y[1]", "one.ticks", "two.positive"} <= set(columns)
+    x = {name: 2.0 * np.array(x_start) for name in ("one", "two")}
+    rates, counts = {"one": a / 2, "two": a}, {"one": 3, "two": 2}
+    for row in run.recording.values:
+        y = {name: np.array(gain) * x[name] for name in x}
+        u = {"one": np.array([y["two"][1], 0.25, 0.0]), "two": np.array([y["one"][0], 0.0, 0.0])}
+        for name in x:
+            assert row[[columns.index(f"{name}.y[{k}]") for k in (1, 2)]] == pytest.approx(y[name], rel=1e-12)
+            for _ in range(counts[name]):
+                x[name] = rates[name] * x[name] + b @ u[name]
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "--stop-time must be given: the package has no stop time" in capsys.readouterr().err
+
+
+def test_packages_run_one_after_another_and_again(shop: Shop, tmp_path: Path) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(SCENARIO.format(stop=0.06).replace("impulse = 0.01", "impulse = 0.03"))
+    second = export_ssp(str(other), tmp_path / "other.ssp", shop.settings)
+    runs = [run_package(path, shop.settings).recording for path in (shop.package, second, shop.package, second)]
+    for one, again in zip(runs[:2], runs[2:], strict=True):
+        assert np.array_equal(one.values, again.values)
+    for path, recording in ((shop.scenario, runs[0]), (other, runs[1])):
+        own = run_scenario(str(path), shop.settings).recording
+        assert np.array_equal(own.values, recording.values[:, [recording.columns.index(c) for c in own.columns]])
+
+
+def loaded(folder: Path, name: str) -> UnitInstance:
+    unit = UnitInstance(name, folder, fmpy.read_model_description(str(folder)), print)
+    unit.call("setupExperiment")
+    unit.call("enterInitializationMode")
+    unit.call("exitInitializationMode")
+    return unit
+
+
+def test_units_of_two_packages_live_side_by_side(shop: Shop, tmp_path: Path) -> None:
+    """Both have a BeamPlant of one name with other contents; neither sees the other's."""
+    settings = Settings(frames=False, build_folder=shop.settings.build_folder, values={"plant.beam[1].tip_mass": 0.5})
+    heavy = export_ssp(str(shop.scenario), tmp_path / "heavy.ssp", settings)
+    folders = []
+    for k, path in enumerate((shop.package, heavy, shop.package)):
+        fmpy.extract(str(path), unzipdir=str(tmp_path / f"package{k}"))
+        folders.append(Path(fmpy.extract(str(tmp_path / f"package{k}/resources/BeamPlant.fmu"),
+                                         unzipdir=str(tmp_path / f"plant{k}"))))
+
+    def walk(units: list[UnitInstance]) -> list[list[float]]:
+        rows: list[list[float]] = [[] for _ in units]
+        for k in range(200):
+            for row, unit in zip(rows, units, strict=True):
+                unit.set_start("force[1]", 0.1)
+                unit.step(k * STEP, STEP)
+                row.append(float(unit.get("y_pi[1]")))
+        for unit in units:
+            unit.close()
+        return rows
+
+    alone = [walk([loaded(folder, "plant")])[0] for folder in folders[:2]]
+    together = walk([loaded(folder, f"plant{k}") for k, folder in enumerate(folders)])
+    assert together == [*alone, alone[0]]
+    assert alone[0] != alone[1]
+
+
+def resident() -> int:
+    """Bytes of memory in use; what the allocator keeps in reserve is given back first."""
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_memory_is_flat_over_runs(shop: Shop) -> None:
+    settings = Settings(frames=False, build_folder=shop.settings.build_folder, stop_time=0.002)
+    expected = run_package(shop.package, settings).recording.values
+    for _ in range(9):
+        run_package(shop.package, settings)
+    before = resident()
+    for _ in range(CYCLES):
+        assert np.array_equal(run_package(shop.package, settings).recording.values, expected)
+    assert resident() - before < 1_000_000
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_memory_is_flat_over_loading_and_unloading(shop: Shop, tmp_path: Path) -> None:
+    fmpy.extract(str(shop.package), unzipdir=str(tmp_path / "package"))
+    folders = [Path(fmpy.extract(str(file), unzipdir=str(tmp_path / file.stem)))
+               for file in sorted((tmp_path / "package/resources").glob("*.fmu"))]
+    order = np.random.default_rng(7)
+
+    def cycle() -> None:
+        units = [loaded(folders[k], folders[k].name) for k in order.permutation(len(folders))]
+        for unit in units:
+            unit.step(0.0, STEP)
+        for k in order.permutation(len(units)):
+            units[k].close()
+
+    for _ in range(50):   # until the tables of the interpreter and of the allocator have their sizes
+        cycle()
+    mapped = sum("/package" in line or ".so" in line for line in Path("/proc/self/maps").read_text().splitlines())
+    before = resident()
+    for _ in range(4 * CYCLES):
+        cycle()
+    assert resident() - before < 4096 * 4 * CYCLES * len(folders)   # a page for each, far below what a unit takes
+    lines = Path("/proc/self/maps").read_text().splitlines()
+    assert sum("/package" in line or ".so" in line for line in lines) <= mapped

@@ -186,14 +186,21 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fm
     return fmi2OK;
 }
 
-/* Numbers that a state of this unit can have: fmi2GetInteger converts the integers. */
+/* Can a unit have saved these bytes? Whatever could be set must be within its bounds, integers convert. */
 static bool plausible(const unsigned char *bytes)
 {
     bool all = read_integer(bytes + 56, 8) <= TERMINATED && isfinite(read_real(bytes + 64)) &&
                memchr(bytes + 80, '\0', TEXT_SIZE) != NULL;
-    for (size_t k = 0; k < unit_variable_count; k++)
+    for (size_t k = 0; k < unit_variable_count; k++) {
+        const double value = read_real(bytes + HEADER_SIZE + 8 * k);
+        const unsigned causality = unit_kinds[k] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
         if ((unit_kinds[k] & TYPE_MASK) == INTEGER)
-            all = all && fabs(read_real(bytes + HEADER_SIZE + 8 * k)) <= INT_MAX;
+            all = all && fabs(value) <= INT_MAX;
+        if (causality == INPUT || causality == PARAMETER)
+            all = all && isfinite(value);
+        if (causality == PARAMETER)
+            all = all && value >= unit_variables[k].minimum && value <= unit_variables[k].maximum;
+    }
     return all;
 }
 

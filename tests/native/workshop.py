@@ -60,8 +60,10 @@ def native_fmus(structure: str = "kiel", basis: str = "clamped_free") -> Path:
 def native_folder(unit: str, structure: str = "kiel", basis: str = "clamped_free") -> Path:
     """The folder that the FMU is extracted to."""
     file = native_fmus(structure, basis) / f"{unit}.fmu"
-    fmpy.extract(str(file), unzipdir=str(file.with_suffix("")))
-    return file.with_suffix("")
+    folder = file.with_suffix("")
+    if not folder.exists():  # written again, a library that is loaded would lose its pages
+        fmpy.extract(str(file), unzipdir=str(folder))
+    return folder
 
 
 @cache
