@@ -81,6 +81,9 @@ class Planner:
         self._connect(plan)
         self._drive(plan)
         self._hold_open_inputs(plan, [f"{owner}.{n}" for owner, names in extra for n in names])
+        for name, instance in self._instances.items():  # inputs in the unit's own order, which it takes in one piece
+            places = dict(plan.inputs[name])
+            plan.inputs[name] = [(variable, places[variable]) for variable in instance.variables if variable in places]
         self._choose_columns(plan, extra)
         return plan
 

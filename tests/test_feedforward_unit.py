@@ -86,20 +86,20 @@ def test_reference_state_follows_the_reduced_model(workshop: Workshop, structure
 
 
 def test_outputs_do_not_depend_on_the_steps(workshop: Workshop) -> None:
-    """One run at 1 ms, one of it in parts, one in a single leap between changes of the target."""
-    targets = {0: TARGET, 300: -0.5 * TARGET, 700: 0.25 * TARGET}
+    """One run at 4 ms, one of it in parts, one in a single leap between changes of the target."""
+    targets = {0: TARGET, 75: -0.5 * TARGET, 175: 0.25 * TARGET}
     with loaded(workshop.folder("FlatnessFeedforward")) as unit:
-        whole = trace(unit.begin(), 1500, 1e-3, y_target=targets)
+        whole = trace(unit.begin(), 400, 4e-3, y_target=targets)
     for parts in (2, 5, 7):
         with loaded(workshop.folder("FlatnessFeedforward")) as unit:
-            split = trace(unit.begin(), 1500 * parts, 1e-3 / parts,
+            split = trace(unit.begin(), 400 * parts, 4e-3 / parts,
                           y_target={k * parts: value for k, value in targets.items()})
         assert_groups_close(split[parts - 1::parts], whole, 1e-12)
     with loaded(workshop.folder("FlatnessFeedforward")) as unit:
         unit.begin()
         leaps = [unit.advance(step, y_target=target).take(*OUTPUTS)
                  for step, target in zip((0.3, 0.4, 0.6), targets.values(), strict=True)]
-    assert_groups_close(np.array(leaps), whole[[299, 699, 1299]], 1e-12)
+    assert_groups_close(np.array(leaps), whole[[74, 174, 324]], 1e-12)
 
 
 def test_transitions_add_up(workshop: Workshop) -> None:
@@ -221,16 +221,16 @@ def test_whole_motion_is_kept_within_the_limit(workshop: Workshop) -> None:
     assert np.abs(u).max() <= 1001.0
 
 
-@pytest.mark.parametrize("preview", [2e-4, 0.013])
+@pytest.mark.parametrize("preview", [1e-3, 0.013])
 def test_preview_shifts_the_outputs(workshop: Workshop, preview: float) -> None:
-    steps = round(preview / SAMPLE)
-    targets = {10: TARGET, 2510: 0.3 * TARGET}
+    steps = round(preview / 1e-3)
+    targets = {10: TARGET, 510: 0.3 * TARGET}
     folder = workshop.folder("FlatnessFeedforward")
     with loaded(folder) as plain, loaded(folder) as ahead:
-        later = trace(plain.begin(), 8000 + steps, y_target=targets)
-        found = trace(ahead.begin(preview=preview), 8000, y_target=targets)
+        later = trace(plain.begin(), 1600 + steps, 1e-3, y_target=targets)
+        found = trace(ahead.begin(preview=preview), 1600, 1e-3, y_target=targets)
     # Up to a change of the target the preview knows nothing of it
-    for start, stop in ((10, 2510), (2510 + steps, 8000)):
+    for start, stop in ((10, 510), (510 + steps, 1600)):
         assert_groups_close(found[start:stop - steps], later[start + steps:stop], 1e-11)
 
 

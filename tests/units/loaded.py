@@ -19,7 +19,7 @@ class Loaded(UnitInstance):
 
     def __init__(self, folder: Path, name: str = "unit") -> None:
         self.notes: list[str] = []
-        super().__init__(name, folder, read_model_description(folder), self.notes.append)
+        super().__init__(name, folder, read_model_description(folder, validate=False), self.notes.append)
 
     def put(self, name: str, values: float | bool | Sequence[float] | Real) -> None:
         """Sets a variable, or every element of an array."""
