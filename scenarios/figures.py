@@ -30,6 +30,8 @@ def draw_figures(scenario: Scenario, recording: Recording, folder: Path,
 def write_figure(canvas: Canvas, stem: Path) -> list[Path]:
     """<stem>.png and <stem>.svg; same figure, same bytes."""
     written = []
+    canvas.draw_without_rendering()
+    canvas.set_layout_engine("none")   # the layout just found holds for both files
     for kind in ("png", "svg"):
         buffer = io.BytesIO()
         with matplotlib.rc_context({"svg.hashsalt": "flexbeams", "svg.fonttype": "none"}):

@@ -11,7 +11,7 @@ import pytest
 from controller.design import Design, DesignOptions, compute_design
 from fmus.build import build_units
 from fmus.interface import UNITS
-from plant.structure import find_structure, read_structure
+from plant.structure import Structure, find_structure, read_structure
 
 STRUCTURES = ("single_beam", "kiel", "five_beams")
 
@@ -63,6 +63,17 @@ def at_run_folder(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The present directory is the folder for runs."""
     monkeypatch.chdir(run_folder)
     return run_folder
+
+
+@pytest.fixture
+def known_designs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs in this process take designs that the session has computed already."""
+    def compute(structure: Structure, options: DesignOptions | None = None) -> Design:
+        for name in STRUCTURES if options == DesignOptions() else ():
+            if structure == read_structure(find_structure(name)):
+                return design_of(name)
+        return compute_design(structure, options)
+    monkeypatch.setattr("scenarios.run.compute_design", compute)
 
 
 @pytest.fixture

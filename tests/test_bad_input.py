@@ -12,6 +12,8 @@ from scenarios.cli import main
 from tests.conftest import Workshop
 from tests.units import lag_interface as lag
 
+pytestmark = pytest.mark.usefixtures("known_designs")
+
 Write = Callable[[str, str], Path]
 Refused = Callable[..., str]
 

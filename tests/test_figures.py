@@ -18,6 +18,8 @@ from scenarios.schema import Figure, Scenario, find_scenario, read_scenario
 from scenarios.settings import Settings
 from tests.conftest import STRUCTURES, design_of
 
+pytestmark = pytest.mark.usefixtures("known_designs")
+
 Write = Callable[[str, str], Path]
 TIME = np.linspace(0, 2, 401)
 

@@ -17,6 +17,8 @@ from scenarios.schema import find_scenario, read_scenario, scenario_files
 from scenarios.settings import Settings
 from tests.conftest import STRUCTURES, design_of
 
+pytestmark = pytest.mark.usefixtures("known_designs")
+
 Write = Callable[[str, str], Path]
 NAMES = ("step_response", "feedforward", "tracking", "disturbance_open_loop", "disturbance", "retarget",
          "high_fidelity",
