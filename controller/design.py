@@ -22,7 +22,7 @@ from plant.errors import DesignError, InputError
 from plant.galerkin import DEFAULT_ORDER, BasisName, BeamModel, SecondOrderSystem, beam_model
 from plant.statespace import state_matrices, static_gains, undamped_frequencies
 from plant.structure import Structure
-from plant.tables import TABLE, Index, NonNegative, Positive, checked
+from plant.tables import TABLE, Index, Positive, checked
 
 FORMAT = 1   # of the design file
 
@@ -52,10 +52,10 @@ class DesignOptions:
     static_correction: Annotated[bool, Field(strict=True)] = True  # direct terms that carry the truncated modes at rest
     static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
     sample_time: Positive = 2e-4                 # s
-    transition_time: Positive = 0.9              # s
+    transition_time: Annotated[float, Field(ge=1e-3, le=1e4, strict=True)] = 0.9   # s, as the unit's bounds
     gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9
     voltage_limit: Positive = 1000.0             # V
-    integral_gain: NonNegative = 1e-4            # k_I of (45), a sample
+    integral_gain: Annotated[float, Field(ge=0, le=1, strict=True)] = 1e-4   # k_I of (45), a sample
     weights: Weights = field(default_factory=Weights)
 
 

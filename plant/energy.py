@@ -63,7 +63,8 @@ def _exponential_less_one(A: Array) -> Array:
     Squaring exp itself, whose entries are near those of the identity, loses digits with every doubling: four of them
     for a stiff basis.
     """
-    doublings = max(0, int(np.ceil(np.log2(max(np.linalg.norm(A, 1), 1e-300)))) + 1)
+    norm = float(np.linalg.norm(A, 1))
+    doublings = max(0, int(np.ceil(np.log2(max(norm, 1e-300)))) + 1)
     X = A / 2.0**doublings          # norm <= 1/2: 16 terms reach rounding
     Y, power = X.copy(), X
     for k in range(2, 17):

@@ -1,5 +1,6 @@
 """The command `flexbeams`."""
 
+import io
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -133,8 +134,16 @@ def _structure_path(find: Callable[[str], Path], name: str | None) -> Path:
         raise error.at("--structure") from None
 
 
+def _take_any_text() -> None:
+    """Characters that the terminal's encoding lacks, µ and ± perhaps, are replaced instead of ending the run."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
+            stream.reconfigure(errors="replace")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status; errors that a user can mend take one line."""
+    _take_any_text()
     try:
         status = commands.main(args=None if argv is None else list(argv), prog_name="flexbeams", standalone_mode=False)
         return status if isinstance(status, int) else 0

@@ -1,6 +1,7 @@
 """One FMU instance for the stepping loop: value references looked up once, buffers shared with the runner."""
 
 import ctypes
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,8 @@ class UnitFailure(RuntimeError):
     """A unit refused a call; names instance, time, function and what the unit logged."""
 
     def __init__(self, instance: str, time: float, function: str, reason: str) -> None:
-        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {reason.removeprefix(f'{function}: ')}")
+        own = re.sub(r"^fmi2\w+: ", "", reason)   # native units name the function themselves
+        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {own}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -225,6 +225,10 @@ SCENARIOS = {
     "more modes than there are": (LOOP + "[design]\nreduced_modes = 30\n",
                                   "reduced_modes must keep 1 to 30 position states, got 90"),
     "a Gevrey order of two": (LOOP + "[design]\ngevrey_order = 2.0\n", "design.gevrey_order must be < 2, got 2.0"),
+    "a transition too short": (LOOP + "[design]\ntransition_time = 1e-9\n",
+                               "design.transition_time must be >= 0.001, got 1e-09"),
+    "an integral gain too large": (LOOP + "[design]\nintegral_gain = 2.0\n",
+                                   "design.integral_gain must be <= 1, got 2.0"),
     "a sample time of zero": (LOOP + "[design]\nsample_time = 0\n", "design.sample_time must be finite and > 0, got 0"),
 }
 

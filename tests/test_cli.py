@@ -227,6 +227,17 @@ def test_exit_status_of_the_process(at_run_folder: Path, tmp_path: Path, write_s
         assert "Traceback" not in errors
 
 
+@pytest.mark.parametrize("arguments",
+                         [["design"], ["run", "single_beam", "--stop-time", "0.01", "--no-figures", "--no-report"]])
+def test_terminal_that_knows_ascii_only(arguments: list[str], at_run_folder: Path,
+                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    out, errors = (process := command(*arguments, cwd=at_run_folder)).communicate(timeout=120)
+    assert process.returncode == 0, errors
+    assert "?" in out
+    assert out.isascii()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
 def test_ctrl_c_between_python_units(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     """It may come while a unit computes, in the same interpreter: the run ends with 130 and what it has."""

@@ -368,6 +368,20 @@ def test_decay_is_sooner_than_the_open_loops(at_run_folder: Path) -> None:
     assert value["open loop's peak"] == next(o.value for o in alone.outcomes if o.name == "largest deflection")
 
 
+def test_names_of_any_kind(at_run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Letters beyond ASCII, blanks, and what rich would take for markup."""
+    path = tmp_path / "a [b] ü.toml"
+    text = PLANT.replace('"Voltages"', '"Größe [m] [/b] 𝜑"').replace("plant.u", "plänt.u")
+    path.write_text(text.replace("[instance.plant]", '[instance."plänt"]'), encoding="utf-8")
+    out = tmp_path / "o [/x] ü"
+    assert main(["run", str(path), "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("a [b] ü: Größe [m] [/b] 𝜑 (paper: Fig. 0)\n")
+    assert shown.endswith(f"; results in {out}\n")
+    assert summary_of(out)["title"] == "Größe [m] [/b] 𝜑"
+    assert read_results(out / "results.csv").columns[0] == "plänt.u[1]"
+
+
 def test_new_run_replaces_figures_of_an_earlier_one(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     """Nothing of another run is left beside the new results."""
     path = write_scenario("again", PLANT + '[[figure]]\nfile = "own"\nrows = [["plant.y_pi"]]\n')
