@@ -63,7 +63,7 @@ class PythonStepper:
         self.done = first
         for row in external:
             driven[:] = row
-            np.take(wiring.signals, wiring.recorded, out=rows[-(-self.done // every)])
+            wiring.signals.take(wiring.recorded, out=rows[-(-self.done // every)], mode="clip")
             move(self.done * wiring.step)
             self.done += 1
         return len(external)
@@ -71,7 +71,7 @@ class PythonStepper:
     def exchange(self, name: str) -> None:
         """Hands an instance its inputs as they stand."""
         instance = self._instances[name]
-        np.take(self._wiring.signals, self._wiring.sources[name], out=instance.inputs)
+        self._wiring.signals.take(self._wiring.sources[name], out=instance.inputs, mode="clip")
         instance.write()
 
     def _jacobi(self, time: float) -> None:
