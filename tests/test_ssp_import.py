@@ -416,6 +416,9 @@ def test_units_of_two_packages_live_side_by_side(shop: Shop, tmp_path: Path) -> 
     assert alone[0] != alone[1]
 
 
+ALLOCATOR_NOISE = 4_000_000   # bytes; units that stay loaded or allocated would take several times as much
+
+
 def resident() -> int:
     """Bytes of memory in use; what the allocator keeps in reserve is given back first."""
     gc.collect()
@@ -432,7 +435,7 @@ def test_memory_is_flat_over_runs(shop: Shop) -> None:
     before = resident()
     for _ in range(CYCLES):
         assert np.array_equal(run_package(shop.package, settings).recording.values, expected)
-    assert resident() - before < 1_000_000
+    assert resident() - before < ALLOCATOR_NOISE
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
@@ -455,6 +458,6 @@ def test_memory_is_flat_over_loading_and_unloading(shop: Shop, tmp_path: Path) -
     before = resident()
     for _ in range(4 * CYCLES):
         cycle()
-    assert resident() - before < 4096 * 4 * CYCLES * len(folders)   # a page for each, far below what a unit takes
+    assert resident() - before < ALLOCATOR_NOISE
     lines = Path("/proc/self/maps").read_text().splitlines()
     assert sum("/package" in line or ".so" in line for line in lines) <= mapped
