@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from fmpy import calloc, free
@@ -91,8 +91,6 @@ class UnitInstance:
         for function, types in _FUNCTIONS.items():
             self._functions[function] = self._fmu.dll[function]
             self._functions[function].argtypes = types
-        self._get_real, self._set_real = self._functions["fmi2GetReal"], self._functions["fmi2SetReal"]
-        self._do_step = self._functions["fmi2DoStep"]
 
     def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         lines = (message or b"").decode("utf-8", "replace").strip().splitlines()
@@ -162,22 +160,21 @@ class UnitInstance:
 
     def read(self) -> None:
         """Outputs into the caller's array."""
-        if self._read and (self._get_real(*self._read) > _WARNING or self.reason):
-            self._fail("fmi2GetReal")
+        if self._read:
+            self._call("fmi2GetReal", self._read)
         for function, arguments, values, first in self._discrete:
             self._call(function, arguments)
             self._into[first:first + len(values)] = values
 
     def write(self) -> None:
         """`self.inputs` to the unit."""
-        if self._write and (self._set_real(*self._write) > _WARNING or self.reason):
-            self._fail("fmi2SetReal")
+        if self._write:
+            self._call("fmi2SetReal", self._write)
 
     def step(self, time: float, step: float) -> None:
         """One doStep from `time`."""
         self.time = time
-        if self._do_step(self.component, time, step, 1) > _WARNING or self.reason:
-            self._fail("fmi2DoStep")
+        self._call("fmi2DoStep", (self.component, time, step, 1))
 
     def address(self, function: str) -> int | None:
         """Address of one of the functions that a run calls at every step."""
@@ -186,11 +183,7 @@ class UnitInstance:
     def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
         status = self._functions[function](*arguments)
         if status > _WARNING or self.reason:
-            self._fail(function, status)
-
-    def _fail(self, function: str, status: int | None = None) -> NoReturn:
-        raise UnitFailure(self.name, self.time, function, self.reason or ("it failed" if status is None
-                                                                          else f"status {status}"))
+            raise UnitFailure(self.name, self.time, function, self.reason or f"status {status}")
 
     def _references(self, names: list[str]) -> NDArray[np.uint32]:
         return np.array([self.variables[n].valueReference for n in names], dtype=np.uint32)
