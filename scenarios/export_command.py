@@ -1,5 +1,6 @@
 """The verb `flexbeams export`."""
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,18 @@ import click
 from scenarios.options import BASES, COUPLINGS, compiler_option, note
 from scenarios.run_command import assignment
 
+# Format: function that writes it, suffix of its file
+KINDS = {
+    "ssp": ("scenarios.ssp_export:export_ssp", ".ssp"),
+}
+
 
 @click.command()
 @click.argument("scenario", metavar="SCENARIO")
-@click.option("--format", "kind", type=click.Choice(["ssp"]), default="ssp", show_default=True,
+@click.option("--format", "kind", type=click.Choice(list(KINDS)), default="ssp", show_default=True,
               help="ssp: an SSP 1.0 package with units, connections, signals and start values.")
 @click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="The file to write. [default: <scenario>.<format>]")
+              help="The file to write. [default: <scenario> with the format's suffix]")
 @click.option("--platform", "platforms", multiple=True, default=("host",), show_default=True, metavar="P",
               help="Binaries in the units: host, all, or names as for `flexbeams build`. Repeatable.")
 @compiler_option
@@ -28,8 +34,10 @@ from scenarios.run_command import assignment
 def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:
     """Write a scenario for other tools: the closed loop with its signals, complete in one file."""
     from scenarios.settings import Settings
-    from scenarios.ssp_export import export_ssp
 
-    file = out or Path(f"{Path(scenario).stem}.{kind}")
-    click.echo(export_ssp(scenario, file, Settings(frames=False, **options), platforms, note))
+    place, suffix = KINDS[kind]
+    module, _, function = place.partition(":")
+    file = out or Path(f"{Path(scenario).stem}{suffix}")
+    write = getattr(import_module(module), function)
+    click.echo(write(scenario, file, Settings(frames=False, **options), platforms, note))
     return 0
