@@ -12,6 +12,7 @@ from plant.errors import InputError
 from scenarios.cosimulation import Recording
 from scenarios.curves import SHOWN, Curve, array_of, curve, quantity_of
 from scenarios.display import number, verdict
+from scenarios.figure_plots import plot_rows
 from scenarios.page import render
 from scenarios.panels import panel
 from scenarios.results import read_results
@@ -123,14 +124,14 @@ def fact_table(comparison: Comparison) -> list[tuple[str, list[str]]]:
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """compare.html, compare.png and compare.svg."""
-    from scenarios.figures import draw_rows, write_figure
+    from scenarios.figures import write_figure
 
     title = " and ".join(run.label for run in comparison.runs)
     page = folder / "compare.html"
     write_whole(page, comparison_html(comparison, title).encode())
     stop = max(float(run.recording.time[-1]) for run in comparison.runs)
     rows = [_over_each_other(comparison, name) for name in _drawn(comparison)]
-    return [page, *write_figure(draw_rows(rows, title, 0.0, stop, wide=True), folder / "compare")]
+    return [page, *write_figure(plot_rows(rows, title, folder / "compare", 0.0, stop, wide=True))]
 
 
 def comparison_html(comparison: Comparison, title: str) -> str:

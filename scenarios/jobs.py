@@ -7,6 +7,7 @@ from typing import Any
 
 from controller.design import Design
 from scenarios.cosimulation import Recording
+from scenarios.figure_process import FigureProcess
 from scenarios.formats import Format
 from scenarios.metrics import Outcome
 from scenarios.results import write_results
@@ -60,12 +61,15 @@ class Finished:
 
 
 def execute(job: Job, report: Callable[[str], None], progress: Callable[[int, int], None],
-            designs: Sequence[Design] = ()) -> Finished:
-    """Runs a job in this process and writes its files; errors as of run_scenario or run_package."""
+            designs: Sequence[Design] = (), beside: FigureProcess | None = None) -> Finished:
+    """Runs a job in this process and writes its files; errors as of run_scenario or run_package.
+
+    Figures are drawn `beside` where given.
+    """
     if is_package(job.scenario):
         return _execute_package(job, report, progress)
     run = run_scenario(job.scenario, job.settings, report=report, progress=progress, designs=designs)
-    write_run(run, job.folder, job.figures, job.report, job.formats)
+    write_run(run, job.folder, job.figures, job.report, job.formats, beside)
     status, message = _verdict(run.recording, run.passed, job.folder)
     title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
     return Finished(name=job.name, status=status, title=title, folder=job.folder, outcomes=run.outcomes,

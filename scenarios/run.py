@@ -19,6 +19,8 @@ from plant.structure import find_structure, read_structure
 from scenarios.archives import Allowance
 from scenarios.cosimulation import CoSimulation, Recording
 from scenarios.draft import Draft, draft_run, require_figures, unit_models, with_open_loop
+from scenarios.figure_plots import figure_plots
+from scenarios.figure_process import FigureProcess
 from scenarios.formats import Format
 from scenarios.frames import plan_frames
 from scenarios.instance import UnitFailure, UnitInstance
@@ -234,20 +236,26 @@ def lateness_figures(lateness: Array, period: float) -> dict[str, float]:
 
 
 def write_run(run: Run, folder: Path, figures: bool = True, report: bool = True,
-              formats: Sequence[Format] = ("csv",)) -> None:
+              formats: Sequence[Format] = ("csv",), beside: FigureProcess | None = None) -> None:
     """results.csv (or other formats), summary.json, the scenario's figures and report.html.
 
-    A report, figures, or results in other formats, of an earlier run go.
+    A report, figures, or results in other formats, of an earlier run go. Figures are drawn `beside` where given.
     """
     drawn = [f"{figure.file}.{kind}" for figure in run.scenario.figure for kind in ("png", "svg")]
     for name in ("report.html", *drawn):
         (folder / name).unlink(missing_ok=True)
+    plots = figure_plots(run.scenario, run.recording, folder, run.open_loop) \
+        if figures and run.recording.complete else []
+    if plots and beside:
+        beside.begin(plots)
     write_results(folder, run.recording, run.summary, formats)
-    if figures and run.recording.complete:
-        from scenarios.figures import draw_figures
-
-        draw_figures(run.scenario, run.recording, folder, run.open_loop)
     if report and run.recording.complete:
         from scenarios.report import write_report
 
         write_report(run, folder)
+    if plots and beside:
+        beside.finish()
+    elif plots:
+        from scenarios.figures import write_figures
+
+        write_figures(plots)

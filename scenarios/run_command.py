@@ -1,6 +1,7 @@
 """The verb `flexbeams run`."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,12 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
     from scenarios.progress import Display
 
     names = [Path(scenario).stem for scenario in scenarios]
-    with Display(names) as display:
+    with Display(names) as display, ExitStack() as stack:
+        beside = None
+        if len(names) == 1 and not no_figures and not real_time and speed is None:
+            from scenarios.figure_process import FigureProcess  # before all that takes time
+
+            beside = stack.enter_context(FigureProcess())
         from scenarios.formats import require_formats
         from scenarios.jobs import Job, execute
         from scenarios.schema import find_scenario, read_scenario
@@ -107,7 +113,8 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
 
             finished = run_parallel(planned, min(jobs or usable_cores(), len(planned)), display)
         else:
-            finished = [execute(planned[0], display.note, lambda done, steps: display.progress(names[0], done, steps))]
+            finished = [execute(planned[0], display.note, lambda done, steps: display.progress(names[0], done, steps),
+                                beside=beside)]
     from scenarios.tables import show_checks, show_overview
 
     for one in finished:

@@ -12,7 +12,9 @@ import pytest
 from scenarios.cosimulation import Recording
 from scenarios.curves import figure_curve
 from scenarios.decimation import decimated
-from scenarios.figures import PLOTTED, draw, draw_figures
+from scenarios.figure_plots import PLOTTED, figure_plot, figure_plots
+from scenarios.figure_process import FigureProcess
+from scenarios.figures import draw, write_figures
 from scenarios.run import run_scenario
 from scenarios.schema import Figure, Scenario, find_scenario, read_scenario
 from scenarios.settings import Settings
@@ -44,13 +46,13 @@ def texts(path: Path) -> list[str]:
 
 def test_png_and_svg_with_titles_units_and_elements(tmp_path: Path) -> None:
     figure = Figure(file="waves", title="Two rows", rows=[["plant.y_pi", "feedforward.y_ref"], ["plant.u"]])
-    files = draw_figures(scenario(figure), recording(), tmp_path)
+    files = write_figures(figure_plots(scenario(figure), recording(), tmp_path))
     assert [f.name for f in files] == ["waves.png", "waves.svg"]
     assert sorted(tmp_path.iterdir()) == files
     header = files[0].read_bytes()[:24]
     assert header[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = struct.unpack(">II", header[16:24])
-    assert (width, height) == (round(150 * (3.0 * 3 + 0.6)), round(150 * (2.3 * 2 + 0.7)))
+    assert (width, height) == (round(150 * (3.0 * 3 + 0.32)), round(150 * (2.3 * 2 + 0.75)))
     words = texts(files[1])
     for word in ("Two rows", "point 1", "point 3", "patch pair 2", "deflection in mm", "voltage in V", "time in s",
                  "plant.y_pi", "feedforward.y_ref"):
@@ -60,13 +62,14 @@ def test_png_and_svg_with_titles_units_and_elements(tmp_path: Path) -> None:
 def test_same_bytes_each_time(tmp_path: Path) -> None:
     """Also under other settings of matplotlib's user, and with markup in the title."""
     figure = Figure(file="a", rows=[["plant.energy", "plant.y_pi[2]"]], start=0.5, stop=1.5)
-    first = [f.read_bytes() for f in draw_figures(scenario(figure), recording(), tmp_path / "first")]
+    first = [f.read_bytes() for f in write_figures(figure_plots(scenario(figure), recording(), tmp_path / "first"))]
     assert "Waves & <more>" in texts(tmp_path / "first/a.svg")
     assert b"dc:date" not in first[1]
     with matplotlib.rc_context({"svg.hashsalt": "other", "savefig.dpi": 10}):
-        second = [f.read_bytes() for f in draw_figures(scenario(figure), recording(), tmp_path / "second")]
+        again = write_figures(figure_plots(scenario(figure), recording(), tmp_path / "second"))
+        second = [f.read_bytes() for f in again]
     assert second == first
-    other = draw_figures(scenario(figure), recording(1.1), tmp_path / "third")
+    other = write_figures(figure_plots(scenario(figure), recording(1.1), tmp_path / "third"))
     assert other[1].read_bytes() != first[1]
 
 
@@ -75,7 +78,7 @@ def test_curves_are_those_of_the_recording() -> None:
     figure = Figure(file="a", rows=[["feedforward.y_ref", "plant.y_pi"], ["plant.u"]], points=[1, 3], start=0.25,
                     stop=1.0)
     run = recording()
-    canvas = draw(figure, scenario(figure), run, None, "figure[1]")
+    canvas = draw(figure_plot(figure, scenario(figure), run, Path(), None, "figure[1]"))
     grid = np.array(canvas.axes).reshape(2, 2)
     window = (TIME >= 0.25) & (TIME <= 1.0)
     reference, own = grid[0, 0].lines
@@ -94,7 +97,7 @@ def test_curves_are_those_of_the_recording() -> None:
 def test_open_loop_is_drawn_below(tmp_path: Path) -> None:
     figure = Figure(file="a", rows=[["open_loop.plant.y_pi[2]", "plant.y_pi[2]"]])
     other = recording(5.0)
-    canvas = draw(figure, scenario(figure), recording(), other, "figure[1]")
+    canvas = draw(figure_plot(figure, scenario(figure), recording(), Path(), other, "figure[1]"))
     [axis] = canvas.axes
     without, own = axis.lines
     assert [t.get_text() for t in axis.get_legend().get_texts()] == ["without control", "plant.y_pi[2]"]
@@ -118,14 +121,14 @@ def test_many_signals_in_a_row(tmp_path: Path) -> None:
     """More than there are colours."""
     columns = tuple(f"plant.w[1,{k}]" for k in range(1, 10))
     figure = Figure(file="a", rows=[list(columns)])
-    draw_figures(scenario(figure), recording(columns=columns), tmp_path)
+    write_figures(figure_plots(scenario(figure), recording(columns=columns), tmp_path))
     assert set(columns) <= set(texts(tmp_path / "a.svg"))
 
 
 def test_figure_beyond_the_run_is_empty_but_there(tmp_path: Path) -> None:
     """A run shortened by --stop-time has figures all the same."""
     figure = Figure(file="a", rows=[["plant.y_pi"]], start=5.0, stop=6.0)
-    assert all(f.stat().st_size > 1000 for f in draw_figures(scenario(figure), recording(), tmp_path))
+    assert all(f.stat().st_size > 1000 for f in write_figures(figure_plots(scenario(figure), recording(), tmp_path)))
 
 
 def test_points_choose_elements() -> None:
@@ -133,11 +136,37 @@ def test_points_choose_elements() -> None:
     assert [recording().columns[p] for p in curve.places] == ["plant.y_pi[3]", "plant.y_pi[1]"]
 
 
+def test_drawn_beside_a_run(tmp_path: Path) -> None:
+    """The same files from a process of their own; by the caller where that process is lost."""
+    figure = Figure(file="a", rows=[["plant.energy", "plant.y_pi[2]"]])
+    first, second, third = (tmp_path / name for name in ("first", "second", "third"))
+    files = write_figures(figure_plots(scenario(figure), recording(), first))
+    with FigureProcess() as beside:
+        beside.begin(figure_plots(scenario(figure), recording(), second))
+        beside.finish()
+    with FigureProcess() as lost:
+        lost._process.kill()
+        lost._process.join()
+        lost.begin(figure_plots(scenario(figure), recording(), third))
+        lost.finish()
+    for file in files:
+        assert file.read_bytes() == (second / file.name).read_bytes() == (third / file.name).read_bytes()
+
+
+def test_figure_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    plots = figure_plots(scenario(Figure(file="a", rows=[["plant.u"]])), recording(), tmp_path / "file" / "folder")
+    with FigureProcess() as beside:
+        beside.begin(plots)
+        with pytest.raises(OSError, match="file"):
+            beside.finish()
+
+
 @pytest.mark.parametrize("name", ["step_response", "tracking", "disturbance", "five_beams"])
 def test_shipped_figures(at_run_folder: Path, tmp_path: Path, name: str) -> None:
     """Each figure of the paper is drawn from a short run, by the names that the scenario fixes."""
     run = run_scenario(name, Settings(frames=False, stop_time=0.4), designs=[design_of(s) for s in STRUCTURES])
-    files = draw_figures(run.scenario, run.recording, tmp_path, run.open_loop)
+    files = write_figures(figure_plots(run.scenario, run.recording, tmp_path, run.open_loop))
     expected = {"step_response": "figure4", "tracking": "figure5_tracking", "disturbance": "figure6",
                 "five_beams": "five_beams"}[name]
     assert {f.stem for f in files} == {expected}
