@@ -106,8 +106,14 @@ def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step
 
 
 def silent(plan: Plan) -> Plan:
-    """The plan with nothing recorded."""
-    return replace(plan, columns=[], recorded=[])
+    """The plan with nothing recorded, and of each unit's outputs none read behind the last one that is connected."""
+    used = {place for inputs in plan.inputs.values() for _, place in inputs}
+    reads = {}
+    for name, outputs in plan.reads.items():
+        first = plan.spans[name].start
+        reads[name] = outputs[:1 + max((k for k in range(len(outputs)) if first + k in used), default=-1)]
+    spans = {name: slice(span.start, span.start + len(reads[name])) for name, span in plan.spans.items()}
+    return replace(plan, columns=[], recorded=[], reads=reads, spans=spans)
 
 
 def chain(structure: Structure, beams: int) -> Structure:

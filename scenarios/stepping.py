@@ -95,8 +95,9 @@ class _Instance(ctypes.Structure):
     _fields_ = [
         ("component", ctypes.c_void_p), ("get_real", ctypes.c_void_p), ("set_real", ctypes.c_void_p),
         ("get_integer", ctypes.c_void_p), ("get_boolean", ctypes.c_void_p), ("do_step", ctypes.c_void_p),
-        ("written", ctypes.c_void_p), ("sources", ctypes.c_void_p), ("inputs", ctypes.c_void_p),
-        ("n_written", ctypes.c_size_t), ("read", ctypes.c_void_p), ("n_read", ctypes.c_size_t),
+        ("written", ctypes.c_void_p), ("n_written", ctypes.c_size_t), ("sources", ctypes.c_void_p),
+        ("n_sources", ctypes.c_size_t), ("inputs", ctypes.c_void_p), ("read", ctypes.c_void_p),
+        ("n_read", ctypes.c_size_t),
         ("integers", ctypes.c_void_p), ("n_integers", ctypes.c_size_t),
         ("booleans", ctypes.c_void_p), ("n_booleans", ctypes.c_size_t), ("scratch", ctypes.c_void_p),
         ("first_output", ctypes.c_int64)]
@@ -106,7 +107,8 @@ class _Run(ctypes.Structure):
     _fields_ = [
         ("instances", ctypes.POINTER(_Instance)), ("n_instances", ctypes.c_size_t), ("gauss_seidel", ctypes.c_int),
         ("step", ctypes.c_double), ("signals", ctypes.c_void_p), ("n_signals", ctypes.c_size_t),
-        ("first_external", ctypes.c_int64), ("recorded", ctypes.c_void_p), ("n_recorded", ctypes.c_size_t),
+        ("first_external", ctypes.c_int64), ("recorded", ctypes.c_void_p), ("n_spans", ctypes.c_size_t),
+        ("n_recorded", ctypes.c_size_t),
         ("failed_instance", ctypes.c_int64), ("failed_function", ctypes.c_int), ("failed_status", ctypes.c_int)]
 
 
@@ -130,10 +132,12 @@ class NativeStepper:
         self._library.pace_clock.restype = ctypes.c_double
         self._kept: list[Any] = []   # what the C structures point to
         table = (_Instance * len(instances))(*[self._describe(i) for i in self._instances])
+        recorded = _spans(wiring.recorded)
+        self._kept.append(recorded)
         self._run = _Run(instances=table, n_instances=len(instances), gauss_seidel=wiring.coupling != "jacobi",
                          step=wiring.step, signals=wiring.signals.ctypes.data, n_signals=len(wiring.signals),
-                         first_external=wiring.first_external, recorded=wiring.recorded.ctypes.data,
-                         n_recorded=len(wiring.recorded))
+                         first_external=wiring.first_external, recorded=recorded.ctypes.data,
+                         n_spans=len(recorded), n_recorded=len(wiring.recorded))
         self._pace = None if pace is None else _Pace(started=0.0, seconds_per_step=pace * wiring.step, lateness=None)
         self.lateness = None if pace is None else np.zeros(steps)
 
@@ -172,20 +176,27 @@ class NativeStepper:
 
     def _describe(self, instance: UnitInstance) -> _Instance:
         port = instance.port
-        sources = self._wiring.sources[instance.name]
+        sources = _spans(self._wiring.sources[instance.name])
         scratch = np.zeros(max(len(port.integers) + len(port.booleans), 1), np.int32)
         arrays = [np.array(references, np.uint32) for references in (port.written, port.read, port.integers,
                                                                      port.booleans)]
         self._kept += [sources, scratch, *arrays]
         written, read, integers, booleans = (a.ctypes.data for a in arrays)
         return _Instance(
-            component=instance.component, written=written, sources=sources.ctypes.data,
-            inputs=instance.inputs.ctypes.data, n_written=len(port.written), read=read, n_read=len(port.read),
+            component=instance.component, written=written, n_written=len(port.written),
+            sources=sources.ctypes.data, n_sources=len(sources), inputs=instance.inputs.ctypes.data,
+            read=read, n_read=len(port.read),
             integers=integers, n_integers=len(port.integers), booleans=booleans, n_booleans=len(port.booleans),
             scratch=scratch.ctypes.data, first_output=self._wiring.spans[instance.name].start,
             **{field: instance.address(name) for field, name in (
                 ("get_real", "fmi2GetReal"), ("set_real", "fmi2SetReal"), ("get_integer", "fmi2GetInteger"),
                 ("get_boolean", "fmi2GetBoolean"), ("do_step", "fmi2DoStep"))})
+
+
+def _spans(places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Places as (spans, 2): first and count of each stretch of consecutive ones."""
+    begins = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+    return np.stack([places[begins], np.diff(begins, append=len(places))], axis=1).astype(np.int64)
 
 
 def stepper_library(folder: Path, compiler: str) -> Path:

@@ -14,18 +14,18 @@
 
 #define KEPT_STEPS 4
 
-/* Where things lie in the workspace. n coordinates, m inputs (voltages, then forces). */
+/* Where things lie in the workspace, what a step multiplies by first. n coordinates, m inputs (voltages, then forces). */
 typedef struct {
     size_t n, m;
+    size_t transitions;  /* KEPT_STEPS times panels [A_d B_d] (2n, 2n + m) and panels of the slopes (2n, m) */
+    size_t transition;   /* size of one of these */
+    size_t shown;        /* panels (points + gauges, n) */
+    size_t hidden;       /* panels (stations, n) */
+    size_t driven;       /* (2n + m,) state and inputs; then (m,) growth of the inputs over the step */
+    size_t steps, next;  /* (KEPT_STEPS,) known, s, 0 where free; place of the next one */
     size_t built;        /* (parameters,) that the matrices belong to; zero before the first time */
     size_t L, R_K;       /* (n, patches), (n, n) */
     size_t A, B;         /* (2n, 2n), (2n, m) */
-    size_t shown;        /* panels (points + gauges, n) */
-    size_t hidden;       /* panels (stations, n) */
-    size_t steps, next;  /* (KEPT_STEPS,) known, s, 0 where free; place of the next one */
-    size_t transitions;  /* KEPT_STEPS times panels [A_d B_d] (2n, 2n + m) and panels of the slopes (2n, m) */
-    size_t transition;   /* size of one of these */
-    size_t driven;       /* (2n + m,) state and inputs; then (m,) growth of the inputs over the step */
     size_t scratch, size;
 } layout;
 
@@ -33,18 +33,18 @@ static layout places(void)
 {
     layout at = {.n = plant.coordinates, .m = plant.patches + plant.beams};
     const size_t n = at.n, m = at.m, whole = 2 * n + 2 * m;
+    at.transition = panels_size(2 * n, 2 * n + m) + panels_size(2 * n, m);
+    at.shown = at.transitions + KEPT_STEPS * at.transition;
+    at.hidden = at.shown + panels_size(plant.points + plant.gauges, n);
+    at.driven = at.hidden + panels_size(plant.stations, n);
+    at.steps = at.driven + whole;
+    at.next = at.steps + KEPT_STEPS;
+    at.built = at.next + 1;
     at.L = at.built + plant.parameters;
     at.R_K = at.L + n * plant.patches;
     at.A = at.R_K + n * n;
     at.B = at.A + 4 * n * n;
-    at.shown = at.B + 2 * n * m;
-    at.hidden = at.shown + panels_size(plant.points + plant.gauges, n);
-    at.steps = at.hidden + panels_size(plant.stations, n);
-    at.next = at.steps + KEPT_STEPS;
-    at.transitions = at.next + 1;
-    at.transition = panels_size(2 * n, 2 * n + m) + panels_size(2 * n, m);
-    at.driven = at.transitions + KEPT_STEPS * at.transition;
-    at.scratch = at.driven + 2 * n + 2 * m;
+    at.scratch = at.B + 2 * n * m;
     const size_t rows = plant.points + plant.gauges + plant.stations;
     const size_t building = 4 * n * n + n * rows, stepping = whole * whole + matrix_exponential_size(whole);
     at.size = at.scratch + (building > stepping ? building : stepping);
@@ -237,8 +237,10 @@ static void put_out(unit *unit, const layout *at, double time)
     double *const y_pi = unit->values + plant.y_pi, *const y_pm = y_pi + plant.points;
     multiply_panels(plant.points + plant.gauges, at->n, unit->workspace + at->shown, unit->state, false, y_pi);
     const double deviation = unit->values[plant.strain_noise_std];
+    if (!(deviation > 0.0))
+        return;
     const double tick = floor(time / unit_step_size + 1e-6);
-    if (!(deviation > 0.0 && fabs(tick) < 0x1p63))
+    if (!(fabs(tick) < 0x1p63))
         return;
     const uint64_t seed = (uint64_t)unit->values[plant.noise_seed];
     for (size_t k = 0; k < plant.gauges; k++)

@@ -28,9 +28,9 @@ typedef struct {
 
 SHARED const feedforward_table feedforward;
 SHARED const double input_series[];       /* (degree + 1,): u = sum_i c_i xi^(i) */
-SHARED const double state_series[];       /* panels (states, degree * voltages): x = sum_i X_i xi^(i) */
-SHARED const double static_inverse[];     /* panels (voltages, points), V/m */
-SHARED const double reference_outputs[];  /* panels (points, states + voltages): [H_pi, D_pi] */
+SHARED const double state_series[] ALIGNED;       /* panels (states, degree * voltages): x = sum_i X_i xi^(i) */
+SHARED const double static_inverse[] ALIGNED;     /* panels (voltages, points), V/m */
+SHARED const double reference_outputs[] ALIGNED;  /* panels (points, states + voltages): [H_pi, D_pi] */
 SHARED const double transition_table[];   /* (nodes + 1,) */
 SHARED const double shape_times[];        /* (shapes,), s, ascending */
 SHARED const double shape_places[];       /* (intervals + 1,), from 0 to 1 */

@@ -1,11 +1,13 @@
 /* FMI 2.0 for co-simulation: the life of an instance, its steps and its log. */
 
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "instance.h"
 
+#define LINE 64           /* bytes of a cache line */
 #define LONGEST_STEP 1e7  /* sample times; a longer step would keep a sampled unit busy for minutes */
 
 /* Statuses whose lines are logged, as bits. */
@@ -43,6 +45,12 @@ static const char *fault(fmi2Type type, fmi2String guid)
     return NULL;
 }
 
+/* The first place from here on where a cache line begins: what units multiply by is read by whole lines. */
+static double *aligned(double *memory)
+{
+    return memory + (LINE - (uintptr_t)memory % LINE) % LINE / sizeof *memory;
+}
+
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging_on)
 {
@@ -52,7 +60,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         return NULL;
     const bool named = name != NULL && *name != '\0';
     const char *text = named ? fault(type, guid) : "fmi2Instantiate: instanceName must not be empty";
-    const size_t saved = saved_count(), doubles = saved + unit_workspace_size();
+    const size_t saved = saved_count(), doubles = saved + LINE / sizeof(double) + unit_workspace_size();
     instance *instance = NULL;
     if (text == NULL) {
         const size_t size = sizeof *instance + doubles * sizeof *instance->memory + strlen(name) + 1;
@@ -73,7 +81,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     double *const memory = instance->memory;
     instance->unit.values = memory;
     instance->unit.state = memory + 2 * unit_variable_count;
-    instance->unit.workspace = memory + saved;
+    instance->unit.workspace = aligned(memory + saved);
     instance->name = (char *)(memory + doubles);
     strcpy(instance->name, name);
     start_over(instance);

@@ -1,7 +1,9 @@
 /* FMI 2.0: reading and writing variables. */
 
 #include <float.h>
+#include <limits.h>
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 
 #include "instance.h"
@@ -177,18 +179,12 @@ static bool writable(instance *instance, const fmi2ValueReference references[], 
     return check_references(instance, references, count, type, values);
 }
 
-/* May all of these be set as hosts set inputs at every step? False where one takes a closer look. */
-static bool plain_inputs(const instance *instance, const fmi2ValueReference references[], size_t count,
-                         const double values[])
+static bool all_finite(const double values[], size_t count)
 {
-    const size_t known = unit_variable_count;
-    if (instance->now.phase == TERMINATED || count > known || references == NULL || values == NULL)
-        return false;
+    uint64_t beyond = 0;  /* of the width of a double, so that compilers take several at once */
     for (size_t k = 0; k < count; k++)
-        if (references[k] >= known || unit_kinds[references[k]] != (REAL | INPUT << CAUSALITY_SHIFT) ||
-            !(fabs(values[k]) <= DBL_MAX))
-            return false;
-    return true;
+        beyond |= (uint64_t) !(fabs(values[k]) <= DBL_MAX);
+    return beyond == 0;
 }
 
 fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -197,13 +193,17 @@ fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference referen
     instance *const instance = entered(component, "fmi2SetReal");
     if (instance == NULL)
         return fmi2Error;
-    if (!plain_inputs(instance, references, count, values)) {
-        if (!writable(instance, references, count, REAL, values))
-            return fmi2Error;
-        for (size_t k = 0; k < count; k++)
-            if (!settable(instance, references[k], values[k], NULL))
-                return fmi2Error;
+    if (instance->now.phase != TERMINATED && values != NULL &&
+        is_run(references, count, UCHAR_MAX, REAL | INPUT << CAUSALITY_SHIFT) && all_finite(values, count)) {
+        memcpy(instance->unit.values + references[0], values, count * sizeof *values);
+        instance->stale = true;
+        return fmi2OK;
     }
+    if (!writable(instance, references, count, REAL, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        if (!settable(instance, references[k], values[k], NULL))
+            return fmi2Error;
     for (size_t k = 0; k < count; k++)
         instance->unit.values[references[k]] = values[k];
     instance->stale = true;

@@ -20,8 +20,8 @@ typedef struct {
 SHARED const controller_table controller;
 
 /* In panels: see linear_algebra.h. */
-SHARED const double controller_filter[];     /* [A_d - L H_pm, B_d - L D_pm, L] (states, states + voltages + gauges) */
-SHARED const double controller_regulator[];  /* [K, 0; G_0^+ H_pi, G_0^+ D_pi] (2 voltages, states + voltages) */
-SHARED const double controller_estimates[];  /* [H_pi, D_pi] (points, states + voltages) */
+SHARED const double controller_filter[] ALIGNED;     /* [A_d - L H_pm, B_d - L D_pm, L] (states, states + voltages + gauges) */
+SHARED const double controller_regulator[] ALIGNED;  /* [K, 0; G_0^+ H_pi, G_0^+ D_pi] (2 voltages, states + voltages) */
+SHARED const double controller_estimates[] ALIGNED;  /* [H_pi, D_pi] (points, states + voltages) */
 
 #endif

@@ -49,11 +49,22 @@ static int failed(run *r, size_t i, int function, int status) {
     return 1;
 }
 
+static void gather(const double *signals, const span *spans, size_t n, double *out) {
+    for (size_t k = 0; k < n; k++) {
+        memcpy(out, signals + spans[k].first, (size_t)spans[k].count * sizeof *out);
+        out += spans[k].count;
+    }
+}
+
 static int write_inputs(run *r, size_t i) {
     instance *unit = &r->instances[i];
     if (unit->n_written == 0) return 0;
-    for (size_t k = 0; k < unit->n_written; k++) unit->inputs[k] = r->signals[unit->sources[k]];
-    return failed(r, i, SET, unit->set_real(unit->component, unit->written, unit->n_written, unit->inputs));
+    const double *values = r->signals + unit->sources[0].first;
+    if (unit->n_sources > 1) {
+        gather(r->signals, unit->sources, unit->n_sources, unit->inputs);
+        values = unit->inputs;
+    }
+    return failed(r, i, SET, unit->set_real(unit->component, unit->written, unit->n_written, values));
 }
 
 static int read_integers(run *r, size_t i, get_integers get, const unsigned int *references, size_t n, double *out) {
@@ -102,7 +113,7 @@ size_t run_block(run *r, int64_t first, size_t count, const double *external, in
         if (n_external > 0)
             memcpy(r->signals + r->first_external, external + k * n_external, n_external * sizeof *external);
         double *row = rows + (size_t)((number + every - 1) / every) * r->n_recorded;
-        for (size_t c = 0; c < r->n_recorded; c++) row[c] = r->signals[r->recorded[c]];
+        gather(r->signals, r->recorded, r->n_spans, row);
         if (paced != NULL) {
             const double due = paced->started + (double)number * paced->seconds_per_step;
             sleep_until(due);

@@ -16,6 +16,12 @@ typedef int (*set_reals)(void *component, const unsigned int *references, size_t
 typedef int (*get_integers)(void *component, const unsigned int *references, size_t n, int *values);
 typedef int (*do_step)(void *component, double time, double step, int no_restore);
 
+/* Signals that lie one behind the other. */
+typedef struct {
+    int64_t first;
+    int64_t count;
+} span;
+
 /* One instance: its functions, and where its variables stand among the signals. */
 typedef struct {
     void *component;
@@ -25,9 +31,10 @@ typedef struct {
     get_integers get_boolean;
     do_step do_step;
     const unsigned int *written;     /* value references of the inputs */
-    const int64_t *sources;          /* signal of each input */
-    double *inputs;                  /* scratch, one value an input */
     size_t n_written;
+    const span *sources;             /* signals of the inputs, in their order */
+    size_t n_sources;
+    double *inputs;                  /* scratch, one value an input */
     const unsigned int *read;        /* value references of the Real outputs */
     size_t n_read;
     const unsigned int *integers;    /* of the Integer outputs */
@@ -47,8 +54,9 @@ typedef struct {
     double *signals;
     size_t n_signals;
     int64_t first_external;
-    const int64_t *recorded;         /* signals of a row */
-    size_t n_recorded;
+    const span *recorded;            /* signals of a row, in their order */
+    size_t n_spans;
+    size_t n_recorded;               /* values of a row */
     /* how a run ended */
     int64_t failed_instance;
     int failed_function;             /* 0 set, 1 step, 2 get */
