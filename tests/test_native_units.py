@@ -84,9 +84,10 @@ def test_defaults_equal_the_python_unit(workshop: Workshop, unit: str) -> None:
 @pytest.mark.parametrize(("structure", "basis"), [(s, b) for s in STRUCTURES for b in ("clamped_free", "segment")])
 @pytest.mark.parametrize("unit", UNITS)
 def test_any_structure_and_basis(workshop: Workshop, unit: str, structure: str, basis: str) -> None:
-    """Another design, so all tables differ. scipy's exponential loses a few digits of the stiff basis."""
+    """Another design, so all tables differ. Early in a transition of five beams, the feedforward's sums of 31
+    derivatives cancel to a hundred-thousandth of their terms."""
     native, python, *_ = both(workshop, unit, 300, structure=structure, basis=basis)
-    assert difference(native, python) < 1e-10
+    assert difference(native, python) < (1e-10 if unit == "FlatnessFeedforward" else 1e-12)
 
 
 @pytest.mark.parametrize("basis", ["clamped_free", "segment"])
