@@ -72,11 +72,14 @@ def plan_transition(motion: Motion, shapes: InputShapes, *, now: float, step: Ar
                     limit: float) -> Plan:
     """The shortest transition of at least `wanted` s that keeps the whole motion within +-limit (V).
 
-    `step` (n_u,) is the change of the flat output. The limit is kept to about 0.1 %, what the table resolves.
+    `step` (n_u,) is the change of the flat output. The limit is kept to about 0.1 %, what the table resolves. Where
+    the voltages are beyond it already, since it was lowered, the way back may start there and go no further.
     """
     goal = float(np.max(np.abs(motion.offset + motion.steps.sum(axis=0) + step)))
     if goal > limit * (1 + 1e-9):
         return Plan(duration=0.0, peak=goal, at_rest=goal)
+    present = float(np.max(np.abs(motion.voltage(shapes, np.array([now])))))
+    tolerated = max(limit, present) * (1 + 1e-9)
     tau = places(shapes.values.shape[1] - 1)
     pending = [time[time > now] for time in motion.starts[:, None] + np.outer(motion.durations, tau)]
     longest = max(shapes.times[-1], *motion.durations, wanted) * PATIENCE
@@ -85,7 +88,7 @@ def plan_transition(motion: Motion, shapes: InputShapes, *, now: float, step: Ar
     while duration <= longest:
         extended = motion.extended(now, duration, step)
         peak = max(_peak(extended.voltage(shapes, time)) for time in [now + duration * tau, *pending])
-        if peak <= limit * (1 + 1e-9):
+        if peak <= tolerated:
             return Plan(duration=duration, peak=peak, at_rest=goal)
         duration *= growth
     return Plan(duration=0.0, peak=peak, at_rest=goal)

@@ -120,6 +120,28 @@ def test_other_communication_steps(workshop: Workshop, unit: str, step: float) -
     assert difference(native, python) < 1e-10
 
 
+def test_way_back_after_the_limit_was_lowered(workshop: Workshop) -> None:
+    """Both kernels let the motion return from voltages beyond a limit that was lowered meanwhile."""
+    inverse = design_of().arrays["static_inverse"]
+    target = np.linalg.pinv(inverse) @ np.array([800.0, -700.0, -800.0, 750.0])
+    traces = []
+    for folder in (native_folder("FlatnessFeedforward"), workshop.folder("FlatnessFeedforward")):
+        with loaded(folder) as unit:
+            unit.begin()
+            unit.advance(1.0, y_target=target)
+            unit.advance(0.5)
+            assert np.max(np.abs(unit.take("u_ff"))) == pytest.approx(800)
+            unit.advance(0.1, voltage_limit=300.0, y_target=0.1 * target)
+            assert unit.take("target_refused")[0] == 0
+            rows = []
+            for _ in range(100):
+                unit.advance(0.01)
+                rows.append(unit.take("u_ff", "x_ref", "planned_peak", "planned_time"))
+            traces.append(np.array(rows))
+    assert np.max(np.abs(traces[0][-1, :4])) == pytest.approx(80)
+    assert difference(*traces) < 1e-12
+
+
 @pytest.mark.parametrize(("starts", "word"), [({"voltage_limit": 150.0}, "refused"),
                                               ({"transition_time": 0.2, "voltage_limit": 450.0}, "stretched")])
 def test_plans_equal_the_python_unit(workshop: Workshop, starts: dict[str, float], word: str) -> None:

@@ -167,6 +167,15 @@ def test_a_motion_that_breaks_the_limit_anyway_is_refused_on_its_way() -> None:
     assert plan.at_rest == pytest.approx(81.7)
 
 
+def test_the_way_back_from_beyond_a_lowered_limit_is_planned() -> None:
+    """It starts beyond the limit and goes no further; a target beyond the limit stays refused."""
+    rest = at_rest(GOAL)
+    plan = plan_transition(rest, shapes(design()), now=3.0, step=-0.9 * GOAL, wanted=0.9, limit=400.0)
+    assert plan.duration == 0.9
+    assert plan.peak == pytest.approx(817)
+    assert plan_transition(rest, shapes(design()), now=3.0, step=-0.4 * GOAL, wanted=0.9, limit=400.0).duration == 0
+
+
 def test_shortest_transition_is_the_tables() -> None:
     plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=0.0, step=1e-6 * GOAL, wanted=1e-3, limit=LIMIT)
     assert plan.duration == shapes(design()).times[0]

@@ -90,6 +90,19 @@ static double peak_of(const motion *motion, double now, double *u)
     return peak;
 }
 
+/* Largest planned |u| at `now`. */
+static double present_peak(const motion *motion, double now, double *u)
+{
+    shape shapes[SLOTS];
+    for (size_t k = 0; k < motion->count; k++)
+        shapes[k] = shape_of(motion->durations[k]);
+    voltages_at(motion, shapes, now, u);
+    double peak = 0.0;
+    for (size_t j = 0; j < feedforward.voltages; j++)
+        peak = fmax(peak, fabs(u[j]));
+    return peak;
+}
+
 plan plan_transition(const motion *motion_now, double now, const double *step, double wanted, double limit,
                      double *scratch)
 {
@@ -102,9 +115,9 @@ plan plan_transition(const motion *motion_now, double now, const double *step, d
         at_rest = fmax(at_rest, fabs(goal));
     }
     plan plan = {.peak = at_rest, .at_rest = at_rest};
-    const double tolerated = limit * (1 + 1e-9);
-    if (!(at_rest <= tolerated))
+    if (!(at_rest <= limit * (1 + 1e-9)))
         return plan;
+    const double tolerated = fmax(limit, present_peak(motion_now, now, scratch)) * (1 + 1e-9);
 
     motion extended = *motion_now;
     extended.count++;

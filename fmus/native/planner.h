@@ -26,9 +26,9 @@ typedef struct {
     double at_rest;   /* largest |u| at the target, V */
 } plan;
 
-/* The shortest transition from `now` of at least `wanted` s that keeps the whole motion within +-limit (V). `step`
-   (voltages,) is the change of the flat output; start, duration and step stand in the motion's next slot afterwards. `scratch`
-   (3 voltages,). */
+/* The shortest transition from `now` of at least `wanted` s that keeps the whole motion within +-limit (V), or where
+   the voltages are beyond it already, since it was lowered, no further than they are. `step` (voltages,) is the change
+   of the flat output; start, duration and step stand in the motion's next slot afterwards. `scratch` (3 voltages,). */
 SHARED plan plan_transition(const motion *motion, double now, const double *step, double wanted, double limit,
                             double *scratch);
 
