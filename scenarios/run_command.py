@@ -1,7 +1,7 @@
 """The verb `flexbeams run`."""
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -103,8 +103,7 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
                 raise InputError("SCENARIO", "must be given once, since its name is that of its results", names[k])
         require_formats(formats)
         folders = [out if out and len(names) == 1 else (out or Path("results")) / name for name in names]
-        for folder in folders:
-            _require_folder(folder)
+        stack.enter_context(_folders(folders))
         settings = Settings(frames=not no_report, speed=speed or (1.0 if real_time else None), **options)
         planned = [Job(scenario=scenario, folder=folder, settings=settings, formats=formats, figures=not no_figures,
                        report=not no_report) for scenario, folder in zip(scenarios, folders, strict=True)]
@@ -124,6 +123,22 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
     if len(finished) > 1:
         show_overview(finished)
     return max(one.status for one in finished)
+
+
+@contextmanager
+def _folders(folders: Sequence[Path]) -> Iterator[None]:
+    """Makes folders for results, so that a run is not lost for want of one; where it fails, empty new ones go."""
+    made: list[Path] = []
+    try:
+        for folder in folders:
+            made += [f for f in (*reversed(folder.parents), folder) if not f.exists()]
+            _require_folder(folder)
+        yield
+    except BaseException:
+        for folder in reversed(made):
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _require_folder(folder: Path) -> None:
