@@ -82,7 +82,9 @@ class UnitInstance:
         except Exception as error:
             raise UnitFailure(name, 0.0, "loading its library", str(error)) from None
         try:
-            self._fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
+            # Units that log by the standard's categories tell what went wrong; others tell of every step
+            known = {category.name for category in description.logCategories}
+            self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in known)
         except Exception as error:
             self._fmu.freeLibrary()
             raise UnitFailure(name, 0.0, "fmi2Instantiate", self.reason or str(error)) from None
