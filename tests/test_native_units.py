@@ -120,6 +120,16 @@ def test_other_communication_steps(workshop: Workshop, unit: str, step: float) -
     assert difference(native, python) < 1e-10
 
 
+def test_rounding_of_a_target_starts_no_transition(workshop: Workshop) -> None:
+    for folder in (native_folder("FlatnessFeedforward"), workshop.folder("FlatnessFeedforward")):
+        with loaded(folder) as unit:
+            unit.begin()
+            unit.advance(0.1, y_target=[5e-14, 0.0, -5e-13, 0.0])
+            assert unit.take("moving")[0] == 0
+            unit.advance(0.1, y_target=[5e-12, 0.0, 0.0, 0.0])
+            assert unit.take("moving")[0] == 1
+
+
 def test_way_back_after_the_limit_was_lowered(workshop: Workshop) -> None:
     """Both kernels let the motion return from voltages beyond a limit that was lowered meanwhile."""
     inverse = design_of().arrays["static_inverse"]

@@ -10,6 +10,8 @@
 #include "planner.h"
 #include "transition.h"
 
+#define ROUNDING 1e-12  /* m: a host that interpolates a constant target moves it by less */
+
 /* State: number of transitions under way, target they lead to (points,), then the motion. */
 size_t unit_state_size(void)
 {
@@ -164,7 +166,7 @@ bool unit_advance(unit *unit, double time, double step)
     const double *const target = unit->values + feedforward.y_target, *const handled = handled_target(unit);
     bool changed = false;
     for (size_t k = 0; k < feedforward.points; k++)
-        changed = changed || target[k] != handled[k];
+        changed = changed || fabs(target[k] - handled[k]) > ROUNDING;
     if (changed && unit->state[0] < SLOTS)
         start_transition(unit, time);
     const bool rests = unit->state[0] == 0.0 && unit->values[feedforward.moving] == 0.0;

@@ -8,7 +8,8 @@ from controller.planner import InputShapes, Motion, plan_transition
 from controller.transition import Transition, derivative_scales
 from fmus.python.slave import Unit, UnitError
 
-SLOTS = 8  # transitions under way at once
+SLOTS = 8          # transitions under way at once
+ROUNDING = 1e-12   # m: a host that interpolates a constant target moves it by less
 
 
 class FlatnessFeedforward(Unit):
@@ -52,7 +53,7 @@ class FlatnessFeedforward(Unit):
 
     def advance(self, time: float, step: float) -> None:
         """A changed target starts a transition at `time`; outputs are those of time + step + preview."""
-        if self._count[0] < SLOTS and (self._target != self._handled).any():
+        if self._count[0] < SLOTS and (np.abs(self._target - self._handled) > ROUNDING).any():
             self._plan(time)
         if self._count[0] or not self._at_rest:
             self._evaluate(time + step + self._preview[0])
