@@ -10,6 +10,7 @@ from controller.design import Design
 from fmus.data import unit_data
 from fmus.interface import UNITS, interface_of
 from fmus.native_backend import NativeUnit, build_native_units
+from fmus.references import reference_results
 from plant.galerkin import BeamModel
 
 Backend = Literal["native", "python"]
@@ -32,8 +33,9 @@ def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: 
         interface = interface_of(name, design, model)
         parts.append((interface, *unit_data(interface, design, model), folder / backend / f"{name}.fmu"))
     if backend == "native":
-        return build_native_units([NativeUnit(interface=i, data=d, meta=m, out=out) for i, d, m, out in parts],
-                                  platforms, compiler, version=version("flexbeams"))
+        return build_native_units(
+            [NativeUnit(interface=i, data=d, meta=m, extra=reference_results(i, design, model), out=out)
+             for i, d, m, out in parts], platforms, compiler, version=version("flexbeams"))
     from fmus.python_backend import PythonUnit, build_python_units
 
     return build_python_units(
@@ -44,10 +46,14 @@ def build_units(names: Sequence[str], design: Design, model: BeamModel, folder: 
 
 def native_unit(name: str, design: Design, model: BeamModel, out: Path,
                 starts: Mapping[str, float | int | bool] | None = None) -> NativeUnit:
-    """What a native unit is made of, with start values of its own in description and kernel; to be built into `out`."""
+    """What a native unit is made of, with start values of its own in description and kernel; to be built into `out`.
+
+    Reference results are of the design's start values: with others there are none.
+    """
     interface = interface_of(name, design, model)
     data, meta = unit_data(interface, design, model)
-    return NativeUnit(interface=interface.with_starts(starts or {}), data=data, meta=meta, out=out)
+    extra = {} if starts else reference_results(interface, design, model)
+    return NativeUnit(interface=interface.with_starts(starts or {}), data=data, meta=meta, extra=extra, out=out)
 
 
 def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:

@@ -107,23 +107,30 @@ def list_scenarios() -> None:
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path),
                 metavar="FMU|SSP...")
-def validate(files: tuple[Path, ...]) -> int:
+@click.option("--run/--no-run", "runs", default=True, show_default=True,
+              help="Simulate FMUs that carry reference results, and compare.")
+def validate(files: tuple[Path, ...], runs: bool) -> int:
     """Check FMUs and SSP packages; prints every complaint.
 
-    FMUs: the FMI 2.0 schema and its rules. Packages: the SSP 1.0 schemas, connectors, units, start values, and
-    the FMUs inside.
+    FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF). Packages: the SSP 1.0 schemas,
+    connectors, units, start values, and the FMUs inside.
     """
+    from scenarios.reference_check import reference_checks
     from scenarios.ssp_check import package_problems, unit_problems
     from scenarios.ssp_import import is_package
 
     complaints = 0
     for path in files:
-        problems = package_problems(path) if is_package(path.name) else unit_problems(path)
-        complaints += len(problems)
+        package = is_package(path.name)
+        problems = package_problems(path) if package else unit_problems(path)
+        checks = [] if package or problems or not runs else reference_checks(path)
+        complaints += len(problems) + sum(not agrees for agrees, _ in checks)
         for problem in problems:
             click.echo(f"{path}: {problem}")
         if not problems:
             click.echo(f"{path}: valid")
+        for _, line in checks:
+            click.echo(f"{path}: {line}")
     return 1 if complaints else 0
 
 

@@ -33,8 +33,11 @@ class TimeTable:
         return self.values[:, places]
 
 
-def read_time_table(path: Path) -> TimeTable:
-    """A CSV file (commas, a header row, the time in s first), checked; InputError names file, row and column."""
+def read_time_table(path: Path, jumps: bool = False) -> TimeTable:
+    """A CSV file (commas, a header row, the time in s first), checked; InputError names file, row and column.
+
+    With `jumps` several rows may have one time.
+    """
     source = str(path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -59,11 +62,12 @@ def read_time_table(path: Path) -> TimeTable:
     if len(rows) < 2:
         raise InputError("", "must have at least one row below the header", source=source)
     table = np.array([_numbers(row, number, header, source) for number, row in rows[1:]])
-    late = np.flatnonzero(np.diff(table[:, 0]) <= 0)
+    apart = np.diff(table[:, 0])
+    late = np.flatnonzero(apart < 0 if jumps else apart <= 0)
     if len(late):
         number, row = rows[late[0] + 2]
-        raise InputError(f"row {number}, column {header[0]!r}", f"must be > {table[late[0], 0]:g}, the time of the row "
-                         "before", float(row[0]), source=source)
+        raise InputError(f"row {number}, column {header[0]!r}", f"must be {'>=' if jumps else '>'} "
+                         f"{table[late[0], 0]:g}, the time of the row before", float(row[0]), source=source)
     return TimeTable(time=table[:, 0], columns=header[1:], values=table[:, 1:])
 
 

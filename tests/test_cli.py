@@ -165,7 +165,7 @@ def test_build_of_all_for_another_structure(tmp_path: Path, capsys: pytest.Captu
     for line in text.split():
         with zipfile.ZipFile(line) as archive:
             assert design_of("single_beam", "segment").design_id.encode() in archive.read("modelDescription.xml")
-    checked = output(capsys, "validate", *text.split())
+    checked = output(capsys, "validate", "--no-run", *text.split())
     assert checked.splitlines() == [f"{line}: valid" for line in text.split()]
 
 
