@@ -21,10 +21,13 @@ th { background: #eaf1f8 } img { max-width: 100%; height: auto } summary { curso
 
 @dataclass(frozen=True, kw_only=True)
 class Chapter:
-    """What a unit computes: paragraphs, and formulas where a line starts with =."""
+    """What a unit computes: paragraphs, formulas where a line starts with =, headings where it starts with #."""
 
     equations: str
     timing: str
+    wiring: str = ""                                          # HTML, of a unit with parts
+    clock: str = "The design's sample time is {:g} s."
+    generated: str = "<code>tables.c</code> is what the design wrote"
 
 
 _CHAPTERS = {
@@ -102,9 +105,14 @@ that is a multiple of the step size up to the rounding of the host's clock is ta
 }
 
 
-def documentation_page(interface: Interface, picture: bytes) -> str:
-    """The page in UTF-8 text; `picture` is model.png."""
-    chapter = _CHAPTERS[interface.unit_name]
+def chapter_of(unit: str) -> Chapter:
+    """The chapter of a unit with mathematics of its own."""
+    return _CHAPTERS[unit]
+
+
+def documentation_page(interface: Interface, picture: bytes, chapter: Chapter | None = None) -> str:
+    """The page in UTF-8 text; `picture` is model.png. The chapter is that of the interface's unit."""
+    chapter = chapter or chapter_of(interface.unit_name)
     image = base64.b64encode(picture).decode()
     design = next((v.start for v in interface if v.name == "design_id"), "")
     arrays = [[interface.variables[k] for k in span] for span in interface.arrays.values()]
@@ -112,21 +120,21 @@ def documentation_page(interface: Interface, picture: bytes) -> str:
     parts = [
         f"<h1>{title}</h1>", f"<p>{escape(interface.description)}.</p>",
         f'<figure><img src="data:image/png;base64,{image}" alt="{title} with its signals"></figure>',
-        "<h2>Equations</h2>", *_paragraphs(chapter.equations),
+        chapter.wiring, "<h2>Equations</h2>", *_paragraphs(chapter.equations),
         "<h2>Signals</h2>",
-        _table(("signal", "type", "causality", "unit", "start", "meaning"), map(_array_row, arrays)),
+        table(("signal", "type", "causality", "unit", "start", "meaning"), map(_array_row, arrays)),
         f"<details><summary>All {len(interface.variables)} variables</summary>",
-        _table(("reference", "variable", "variability", "minimum", "maximum", "nominal", "meaning"),
+        table(("reference", "variable", "variability", "minimum", "maximum", "nominal", "meaning"),
                (_variable_row(k, v) for k, v in enumerate(interface))), "</details>",
         "<h2>Timing</h2>", *_paragraphs(chapter.timing),
-        f"<p>The design's sample time is {interface.step_size:g} s. Outputs change in fmi2DoStep only.</p>",
+        f"<p>{chapter.clock.format(interface.step_size)} Outputs change in fmi2DoStep only.</p>",
         "<h2>Errors and log</h2>",
         "<p>A refused call returns fmi2Error and writes one line that names function, variable and value; no step is "
         "done until fmi2Reset or fmi2SetFMUstate. Categories of the log:</p>",
-        _table(("category", "lines"), log_categories.items()),
+        table(("category", "lines"), log_categories.items()),
         "<h2>Contents</h2>",
         "<p>The unit needs nothing but itself. <code>sources</code> holds all of it in strict C99; "
-        "<code>tables.c</code> is what the design wrote, the other files are the same for every design. Compile with "
+        f"{chapter.generated}, the other files are the same for every design. Compile with "
         "<code>-std=c99 -O2 -ffp-contract=off</code> to get the results of the binaries.</p>",
         *([f"<p>Design <code>{escape(str(design))}</code>: units of different designs do not fit together.</p>"]
           if design else []),
@@ -134,7 +142,7 @@ def documentation_page(interface: Interface, picture: bytes) -> str:
         "Control Engineering Practice 84 (2019). Licence: <code>documentation/licenses/LICENSE</code>.</p>",
     ]
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{title}</title>'
-            f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n")
+            f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(filter(None, parts)) + "\n</body>\n</html>\n")
 
 
 def _paragraphs(text: str) -> list[str]:
@@ -142,6 +150,8 @@ def _paragraphs(text: str) -> list[str]:
     for line in text.strip().splitlines():
         if line.startswith("= "):
             parts.append(formula(line[2:]))
+        elif line.startswith("# "):
+            parts.append(f"<h3>{escape(line[2:])}</h3>")
         elif parts and parts[-1].startswith("<p>"):
             parts[-1] = parts[-1].replace("</p>", f" {escape(line)}</p>")
         else:
@@ -149,7 +159,8 @@ def _paragraphs(text: str) -> list[str]:
     return parts
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table with a line of heads."""
     lines = ["<table>", "<tr>" + "".join(f"<th>{escape(head)}</th>" for head in heads) + "</tr>"]
     lines += ["<tr>" + "".join(f"<td>{escape(_shown(cell))}</td>" for cell in row) + "</tr>" for row in rows]
     return "\n".join([*lines, "</table>"])

@@ -23,9 +23,9 @@ from fmus.variables import Interface
 from plant.archive import write_whole, zip_bytes
 
 _NATIVE = Path(__file__).parent / "native"
-_SHARED = ("fmi2.c", "fmi2_model_exchange.c", "fmi2_state.c", "fmi2_values.c", "instance.c", "linear_algebra.c",
-           "text.c", "fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h", "instance.h",
-           "linear_algebra.h", "text.h", "unit.h")
+FMI_FILES = ("fmi2.c", "fmi2_model_exchange.c", "fmi2_state.c", "fmi2_values.c", "instance.c", "text.c",
+             "fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h", "instance.h", "text.h", "unit.h")
+_LINEAR_ALGEBRA = ("linear_algebra.c", "linear_algebra.h")
 _OWN = {
     "BeamPlant": ("beam_plant.c", "beam_plant.h", "matrix_exponential.c"),
     "FlatnessFeedforward": ("flatness_feedforward.c", "flatness_feedforward.h", "planner.c", "planner.h",
@@ -47,6 +47,37 @@ class NativeUnit:
     extra: Mapping[str, bytes] = field(default_factory=dict)  # further files: path in the archive to content
     out: Path
 
+    def __post_init__(self) -> None:
+        interpolates = self.interface.unit_name in _INTERPOLATING
+        object.__setattr__(self, "interface", replace(self.interface, can_interpolate_inputs=interpolates))
+
+    def files(self) -> tuple[str, ...]:
+        """The files of fmus/native that are among its sources."""
+        return (*FMI_FILES, *mathematics_files(self.interface.unit_name))
+
+    def tables(self, guid: str) -> dict[str, str]:
+        """The sources that are generated, by name; tables.c has the GUID."""
+        return {"tables.c": tables_source(self.interface, self.data, self.meta, guid)}
+
+    def compiled(self) -> list[str]:
+        """The sources that are compiled; others are included."""
+        return sorted([file for file in self.files() if file.endswith(".c")] + ["tables.c"])
+
+    def picture(self) -> bytes:
+        """model.png."""
+        return model_picture(self.interface)
+
+    def page(self, picture: bytes) -> str:
+        """documentation/index.html."""
+        return documentation_page(self.interface, picture)
+
+
+def mathematics_files(unit: str) -> tuple[str, ...]:
+    """The files of fmus/native with the mathematics of a unit; BuildError for a name that no native unit has."""
+    if unit not in _OWN:
+        raise BuildError(f"{unit}: there is no native unit of this name")
+    return (*_OWN[unit], *_LINEAR_ALGEBRA)
+
 
 def build_native_units(units: Sequence[NativeUnit], platforms: Sequence[str] = ("host",), compiler: str = "zig",
                        **attributes: str) -> list[Path]:
@@ -64,10 +95,10 @@ def build_native_units(units: Sequence[NativeUnit], platforms: Sequence[str] = (
             for target in targets:
                 folder = Path(temporary) / f"{k}-{target.name}"
                 folder.mkdir()
-                binaries[target] = pool.submit(_compiled, unit.interface.unit_name, sources, folder, target, tool)
+                binaries[target] = pool.submit(_compiled, unit, sources, folder, target, tool)
             jobs.append((unit, sources, description, binaries))
         for unit, sources, description, binaries in jobs:
-            entries = {"modelDescription.xml": description, **_documents(unit.interface), **unit.extra}
+            entries = {"modelDescription.xml": description, **_documents(unit), **unit.extra}
             entries |= {f"sources/{name}": content for name, content in sources.items()}
             for target, binary in binaries.items():
                 for folder_name in target.folders:
@@ -77,36 +108,33 @@ def build_native_units(units: Sequence[NativeUnit], platforms: Sequence[str] = (
 
 
 def unit_sources(unit: NativeUnit, **attributes: str) -> tuple[dict[str, bytes], bytes]:
-    """All C files of a unit by name, tables.c among them, and modelDescription.xml.
+    """All C files of a unit by name, the generated ones among them, and modelDescription.xml.
 
     The GUID is a hash of the description and of all C files.
     """
-    name = unit.interface.unit_name
-    if name not in _OWN:
-        raise BuildError(f"{name}: there is no native unit of this name")
-    interface = replace(unit.interface, can_interpolate_inputs=name in _INTERPOLATING)
-    sources = {file: (_NATIVE / file).read_bytes() for file in (*_SHARED, *_OWN[name])}
-    compiled = sorted([file for file in sources if file.endswith(".c")] + ["tables.c"])
-    unnamed = tables_source(interface, unit.data, unit.meta, "").encode()
-    guid = content_guid(model_description(interface, source_files=compiled, **attributes),
-                        *(sources[file] for file in sorted(sources)), unnamed)
-    sources["tables.c"] = tables_source(interface, unit.data, unit.meta, guid).encode()
-    return sources, model_description(interface, guid=guid, source_files=compiled, **attributes)
+    kept = {file: (_NATIVE / file).read_bytes() for file in unit.files()}
+    compiled, unnamed = unit.compiled(), unit.tables("")
+    guid = content_guid(model_description(unit.interface, source_files=compiled, **attributes),
+                        *(kept[file] for file in sorted(kept)), *(unnamed[file].encode() for file in sorted(unnamed)))
+    sources = kept | {file: text.encode() for file, text in unit.tables(guid).items()}
+    return sources, model_description(unit.interface, guid=guid, source_files=compiled, **attributes)
 
 
-def _compiled(name: str, sources: Mapping[str, bytes], folder: Path, target: Platform, tool: Compiler) -> bytes:
-    """The shared library. Only tables.c is written anew: compiler caches know files by their path."""
-    (folder / "tables.c").write_bytes(sources["tables.c"])
-    files = [folder / file if file == "tables.c" else _NATIVE / file for file in sorted(sources) if file.endswith(".c")]
-    library = folder / f"{name}{target.suffix}"
-    tool.build(library, files, _NATIVE, target)
+def _compiled(unit: NativeUnit, sources: Mapping[str, bytes], folder: Path, target: Platform, tool: Compiler) -> bytes:
+    """The shared library. Only what is generated is written anew: compiler caches know files by their path."""
+    generated = sources.keys() - set(unit.files())
+    for file in generated:
+        (folder / file).write_bytes(sources[file])
+    library = folder / f"{unit.interface.unit_name}{target.suffix}"
+    tool.build(library, [(folder if file in generated else _NATIVE) / file for file in unit.compiled()], _NATIVE,
+               target)
     return library.read_bytes()
 
 
-def _documents(interface: Interface) -> dict[str, bytes]:
-    picture = model_picture(interface)
+def _documents(unit: NativeUnit) -> dict[str, bytes]:
+    picture = unit.picture()
     return {
-        "documentation/index.html": documentation_page(interface, picture).encode(),
+        "documentation/index.html": unit.page(picture).encode(),
         "documentation/licenses/LICENSE": (_NATIVE / "LICENSE").read_bytes(),
         "model.png": picture,
     }

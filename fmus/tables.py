@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from fmus.variables import Interface, Variable
 NAME_SIZE, TEXT_SIZE, PANEL = 48, 256, 8  # as in unit.h and linear_algebra.h
 _TYPES = ("Real", "Integer", "Boolean", "String")
 _CAUSALITIES = ("independent", "parameter", "input", "output", "local")
-_DEFERRED = {"BeamPlant": ("w", "energy")}  # computed when they are read
+DEFERRED = {"BeamPlant": ("w", "energy")}  # computed when they are read
 _MAY_VANISH = ("tip_mass", "viscous_damping", "structural_damping")
 
 Data = Mapping[str, NDArray[Any]]
@@ -26,16 +26,23 @@ def tables_source(interface: Interface, data: Mapping[str, ArrayLike], meta: Map
 
     `data` and `meta` are those of fmus.data.unit_data, of SignalSource those of fmus.signal_source.source_data.
     """
-    write = {"BeamPlant": _plant, "FlatnessFeedforward": _feedforward, "TrackingController": _controller,
-             "SignalSource": _source}
-    if interface.unit_name not in write:
-        raise BuildError(f"{interface.unit_name}: there is no native unit of this name")
-    arrays = {name: np.asarray(values) for name, values in data.items()}
-    parts = [*_interface(interface, guid), *write[interface.unit_name](interface, arrays, meta)]
-    header = {"BeamPlant": "beam_plant.h", "FlatnessFeedforward": "flatness_feedforward.h",
-              "TrackingController": "tracking_controller.h", "SignalSource": "signal_source.h"}[interface.unit_name]
-    return "\n".join([f"/* Generated: the tables of {interface.unit_name}. */", "", "#include <math.h>", "",
-                      f'#include "{header}"', "", *parts])
+    unit = interface.unit_name
+    return c_source(f"the tables of {unit}", f'#include "{header_of(unit)}"', "",
+                    *interface_tables(interface, guid, DEFERRED.get(unit, ())), *kernel_tables(interface, data, meta))
+
+
+def kernel_tables(interface: Interface, data: Mapping[str, ArrayLike], meta: Mapping[str, Any]) -> list[str]:
+    """What the header of a unit's mathematics declares."""
+    writers: dict[str, Callable[[Interface, Data, Mapping[str, Any]], list[str]]] = {
+        "BeamPlant": _plant, "FlatnessFeedforward": _feedforward, "TrackingController": _controller,
+        "SignalSource": _source}
+    return writers[interface.unit_name](interface, {name: np.asarray(values) for name, values in data.items()}, meta)
+
+
+def header_of(unit: str) -> str:
+    """The header of a unit's mathematics."""
+    return {"BeamPlant": "beam_plant.h", "FlatnessFeedforward": "flatness_feedforward.h",
+            "TrackingController": "tracking_controller.h", "SignalSource": "signal_source.h"}[unit]
 
 
 def panels(matrix: ArrayLike) -> NDArray[np.float64]:
@@ -46,7 +53,8 @@ def panels(matrix: ArrayLike) -> NDArray[np.float64]:
     return padded.reshape(-1, PANEL, rows.shape[1]).transpose(0, 2, 1).ravel()
 
 
-def _interface(interface: Interface, guid: str) -> list[str]:
+def interface_tables(interface: Interface, guid: str, deferred: Collection[str]) -> list[str]:
+    """What unit.h declares; arrays that are `deferred` are computed when they are read."""
     texts: list[str] = []
     kinds, variables = [], []
     for variable in interface:
@@ -56,21 +64,21 @@ def _interface(interface: Interface, guid: str) -> list[str]:
                 raise BuildError(f"{interface.unit_name}: {variable.name} must be constant, as all native texts")
             texts.append(str(start or ""))
             start = len(texts) - 1
-        kinds.append(_kind(variable, variable.array in _DEFERRED.get(interface.unit_name, ())))
+        kinds.append(_kind(variable, variable.array in deferred))
         low = -math.inf if variable.minimum is None else variable.minimum
         high = math.inf if variable.maximum is None else variable.maximum
-        variables.append(f"{{.start = {_real(start or 0.0)}, .minimum = {_real(low)}, .maximum = {_real(high)}, "
-                         f".name = {_text(variable.name, NAME_SIZE)}}}")
+        variables.append(f"{{.start = {c_real(start or 0.0)}, .minimum = {c_real(low)}, .maximum = {c_real(high)}, "
+                         f".name = {c_text(variable.name, NAME_SIZE)}}}")
     digest = hashlib.sha256(guid.encode()).digest()
     return [
         f"const size_t unit_variable_count = {len(variables)};",
-        f"const char unit_guid[] = {_text(guid, TEXT_SIZE)};",
-        f"const double unit_step_size = {_real(interface.step_size)};",
+        f"const char unit_guid[] = {c_text(guid, TEXT_SIZE)};",
+        f"const double unit_step_size = {c_real(interface.step_size)};",
         f"const bool unit_interpolates_inputs = {'true' if interface.can_interpolate_inputs else 'false'};",
-        _list("unsigned char unit_digest[DIGEST_SIZE]", [str(byte) for byte in digest], 16),
-        _list("unsigned char unit_kinds[]", [str(kind) for kind in kinds], 24),
-        _list("char unit_texts[][TEXT_SIZE]", [_text(text, TEXT_SIZE) for text in texts or [""]], 1),
-        _list("variable unit_variables[]", variables, 1),
+        c_list("unsigned char unit_digest[DIGEST_SIZE]", [str(byte) for byte in digest], 16),
+        c_list("unsigned char unit_kinds[]", [str(kind) for kind in kinds], 24),
+        c_list("char unit_texts[][TEXT_SIZE]", [c_text(text, TEXT_SIZE) for text in texts or [""]], 1),
+        c_list("variable unit_variables[]", variables, 1),
     ]
 
 
@@ -95,8 +103,8 @@ def _plant(interface: Interface, data: Data, meta: Mapping[str, Any]) -> list[st
     references = ("u", "force", "y_pi", "energy", "start_at_rest_under", "strain_noise_std", "noise_seed")
     return [
         _table("plant_table plant", interface, counts, references),
-        _list("plant_parameter plant_parameters[]", parameters, 1),
-        _list("plant_term plant_terms[]", terms, 1),
+        c_list("plant_parameter plant_parameters[]", parameters, 1),
+        c_list("plant_term plant_terms[]", terms, 1),
         _reals("plant_blocks", np.concatenate([block.ravel() for block in blocks])),
         _reals("plant_tips", data["tips"]),
         _reals("plant_outputs", data["outputs"]),
@@ -150,37 +158,45 @@ def _source(interface: Interface, data: Data, meta: Mapping[str, Any]) -> list[s
     bits = data["bits"].tolist() or [0]
     return [
         f"const size_t source_count = {len(signals)};",
-        _list("source_signal source_signals[]", signals, 1),
+        c_list("source_signal source_signals[]", signals, 1),
         _reals("source_numbers", data["numbers"] if data["numbers"].size else np.zeros(1)),
-        _list("unsigned char source_bits[]", [str(byte) for byte in bits], 24),
+        c_list("unsigned char source_bits[]", [str(byte) for byte in bits], 24),
     ]
 
 
 def _table(declaration: str, interface: Interface, numbers: Mapping[str, int | float],
            references: Sequence[str]) -> str:
-    values = {name: _real(number) if isinstance(number, float) else str(number) for name, number in numbers.items()}
+    values = {name: c_real(number) if isinstance(number, float) else str(number) for name, number in numbers.items()}
     values |= {name: str(interface.references(name).start) for name in references}
-    return _list(declaration, [f".{name} = {value}" for name, value in values.items()], 1)
+    return c_list(declaration, [f".{name} = {value}" for name, value in values.items()], 1)
 
 
 def _reals(name: str, values: ArrayLike) -> str:
     numbers = np.asarray(values, dtype=np.float64).ravel()
     if not np.isfinite(numbers).all():
         raise BuildError(f"{name} must be finite")
-    return _list(f"double {name}[]", [_real(value) for value in numbers.tolist()], 6)
+    return c_list(f"double {name}[]", [c_real(value) for value in numbers.tolist()], 6)
 
 
-def _list(declaration: str, items: Sequence[str], in_a_line: int) -> str:
+def c_source(about: str, *parts: str) -> str:
+    """A generated file, its first line says what it holds."""
+    return "\n".join([f"/* Generated: {about}. */", "", "#include <math.h>", "", *parts])
+
+
+def c_list(declaration: str, items: Sequence[str], in_a_line: int) -> str:
+    """A constant with its values."""
     lines = ["    " + ", ".join(items[k:k + in_a_line]) + "," for k in range(0, len(items), in_a_line)]
     return "\n".join([f"const {declaration} = {{", *lines, "};", ""])
 
 
-def _real(value: Any) -> str:
+def c_real(value: Any) -> str:
+    """A double with all its digits."""
     number = float(value)
     return number.hex() if math.isfinite(number) else "HUGE_VAL" if number > 0 else "-HUGE_VAL"
 
 
-def _text(text: str, size: int) -> str:
+def c_text(text: str, size: int) -> str:
+    """A string of fewer than `size` characters; BuildError for one that is longer or not plain."""
     if not text.isascii() or not text.isprintable() or len(text) >= size or set(text) & set('"\\?'):
         raise BuildError(f"{text!r} must be plain ASCII of fewer than {size} characters")
     return f'"{text}"'

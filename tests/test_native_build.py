@@ -24,6 +24,7 @@ from fmus.tables import panels, tables_source
 from tests.conftest import STRUCTURES, Workshop, design_of
 from tests.native.workshop import (
     HARNESSES,
+    NATIVE_UNITS,
     STRICT,
     ZIG,
     native_fmus,
@@ -32,6 +33,7 @@ from tests.native.workshop import (
     needs,
     needs_zig,
     run,
+    source_files,
     source_folder,
     workspace,
 )
@@ -42,7 +44,7 @@ FUNCTIONS = sorted(name for name in {*dir(fmpy.fmi2.FMU2Slave), *dir(fmpy.fmi2.F
 
 
 @needs_zig
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_fmpy_has_no_complaint(unit: str) -> None:
     """FMPy takes seconds for the plant's many names; other structures and bases change no rule."""
     assert validate_fmu(str(native_fmus() / f"{unit}.fmu")) == []
@@ -85,7 +87,7 @@ class Page(HTMLParser):
 
 
 @needs_zig
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_contents_of_a_unit(unit: str) -> None:
     """Sources that are listed, binaries, a page on its own, a picture and the licence; nothing else."""
     with zipfile.ZipFile(native_fmus() / f"{unit}.fmu") as archive:
@@ -103,7 +105,9 @@ def test_contents_of_a_unit(unit: str) -> None:
     assert all(link.startswith("data:image/png;base64,") for link in page.links)
     listed = [node.get("name") for node in
               ElementTree.parse(native_folder(unit) / "modelDescription.xml").iter("File")]
-    assert [f"sources/{name}" for name in listed] == [n for n in names if n.endswith(".c")]
+    assert listed == [path.name for path in source_files(unit)]
+    text = "".join(path.read_text() for path in source_files(unit))
+    assert all(f'#include "{Path(n).name}"' in text for n in names if n.endswith(".c") and Path(n).name not in listed)
     host = host_platform()
     binaries = sorted(f"binaries/{folder}/{unit}{host.suffix}" for folder in host.folders)
     assert [n for n in names if n.startswith("binaries/")] == binaries
@@ -127,10 +131,10 @@ def test_the_guid_follows_the_contents() -> None:
 def test_no_compiler_warns(command: tuple[str, ...], tmp_path: Path) -> None:
     """All sources of all units and the harnesses, in strict C99."""
     sources: dict[str, Path] = {}
-    for unit in UNITS:
-        for path in source_folder(unit).glob("*.c"):
+    for unit in NATIVE_UNITS:
+        for path in source_files(unit):
             sources[f"{unit}.c" if path.name == "tables.c" else path.name] = path
-    includes = [f"-I{source_folder(unit)}" for unit in UNITS]
+    includes = [f"-I{source_folder(unit)}" for unit in NATIVE_UNITS]
     harnesses = [HARNESSES / f"{name}.c" for name in ("life_cycle", "closed_loop", "run_library")]
     for path in [*sources.values(), *harnesses]:
         run([*command, *STRICT, "-O2", *includes, "-c", str(path), "-o", str(tmp_path / "out.o")])
@@ -139,7 +143,7 @@ def test_no_compiler_warns(command: tuple[str, ...], tmp_path: Path) -> None:
 @needs_zig
 @needs("nm")
 @pytest.mark.skipif(sys.platform != "linux", reason="reads ELF")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     """All functions of FMI 2.0 and only these; no writable data; needs libc and libm of glibc 2.17."""
     library = native_folder(unit) / "binaries" / "linux64" / f"{unit}.so"
@@ -152,7 +156,7 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
                 for line in run(["readelf", "--dyn-syms", "--wide", str(library)]).splitlines() if "GLIBC_" in line}
     assert all(tuple(map(int, version.split("."))) <= (2, 17) for version in versions)
     if shutil.which("gcc"):
-        sources = sorted(map(str, source_folder(unit).glob("*.c")))
+        sources = map(str, source_files(unit))
         run(["gcc", "-std=c99", "-O2", "-fPIC", "-c", *sources], cwd=tmp_path)
         symbols = run(["nm", *map(str, tmp_path.glob("*.o"))])
         writable = [line for line in symbols.splitlines() if len(line.split()) == 3 and line.split()[1] in "BbCDdSs"]
@@ -218,17 +222,17 @@ def test_the_mac_libraries(everywhere: Path, folder: str) -> None:
 def test_equal_inputs_give_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the order, the folder and the number of units."""
     first = tmp_path / "first"
-    build_native_units([native_unit(unit, design_of(), first / f"{unit}.fmu") for unit in UNITS],
+    build_native_units([native_unit(unit, design_of(), first / f"{unit}.fmu") for unit in NATIVE_UNITS],
                        ["aarch64-linux", "host"])
     other = tmp_path / "a folder with spaces"
     other.mkdir()
     monkeypatch.setenv("TMPDIR", str(other))
     monkeypatch.setattr("tempfile.tempdir", None)
     monkeypatch.chdir(other)
-    for unit in reversed(UNITS):
+    for unit in reversed(NATIVE_UNITS):
         build_native_units([native_unit(unit, design_of(), other / f"{unit}.fmu")], ["host", "aarch64-linux", "host"])
         assert (other / f"{unit}.fmu").read_bytes() == (first / f"{unit}.fmu").read_bytes()
-    assert sorted(path.name for path in other.iterdir()) == sorted(f"{unit}.fmu" for unit in UNITS)
+    assert sorted(path.name for path in other.iterdir()) == sorted(f"{unit}.fmu" for unit in NATIVE_UNITS)
 
 
 @needs("gcc")
@@ -252,7 +256,7 @@ def test_a_compiler_of_the_system(tmp_path: Path) -> None:
 
 @needs_zig
 @needs("cmake", "ninja")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_fmpy_compiles_the_sources(unit: str, tmp_path: Path) -> None:
     """`fmpy compile` on the shipped unit: same values from the new binary."""
     folder = tmp_path / unit

@@ -17,7 +17,7 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmus.interface import UNITS
 from scenarios.instance import UnitFailure
 from tests.conftest import Workshop, design_of
-from tests.native.workshop import native_folder, needs_zig
+from tests.native.workshop import NATIVE_UNITS, native_folder, needs_zig
 from tests.units.loaded import loaded
 
 OK, WARNING, DISCARD, ERROR = range(4)
@@ -177,7 +177,7 @@ def test_an_impossible_parameter_can_be_mended() -> None:
         assert (one.call("exitInitializationMode"), one.call("doStep", 0.0, SAMPLE)) == (OK, OK)
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_a_wrong_guid_gives_no_instance(unit: str) -> None:
     with pytest.raises(Exception, match="Failed to instantiate"):
         Instance(native_folder(unit), guid="{00000000-0000-0000-0000-000000000000}")
@@ -221,11 +221,12 @@ def test_functions_without_a_use_answer_as_the_standard_says() -> None:
         assert one.call("doStep", SAMPLE, SAMPLE) == OK
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_saved_states_continue_bit_for_bit(unit: str) -> None:
     """In the same instance, after a reset, and from bytes in another instance."""
     names = {"BeamPlant": {"u": 300.0}, "FlatnessFeedforward": {"y_target": -1e-3},
-             "TrackingController": {"y_pm": 1e-4, "x_ref": 0.1}}[unit]
+             "TrackingController": {"y_pm": 1e-4, "x_ref": 0.1},
+             "BeamClosedLoop": {"feedforward.y_target": -1e-3, "plant.force": 0.1}}[unit]
     with loaded(native_folder(unit)) as one, loaded(native_folder(unit)) as other:
         one.begin()
         for _ in range(300):
@@ -279,7 +280,8 @@ def test_foreign_and_damaged_states_are_refused() -> None:
             return bytes(changed)
 
         values = {name: 336 + 8 * one.references[name] for name in ("u[1]", "beam[1].tip_mass", "noise_seed")}
-        impossible = [forged(56, b"\x09"), forged(64, struct.pack("<d", np.inf)), forged(80, b"x" * 256),
+        impossible = [forged(56, b"\x09"), forged(64, struct.pack("<d", np.inf)), forged(64, struct.pack("<d", 1e9)),
+                      forged(80, b"x" * 256),
                       forged(values["u[1]"], struct.pack("<d", np.nan)),
                       forged(values["beam[1].tip_mass"], struct.pack("<d", -1.0)),
                       forged(values["noise_seed"], struct.pack("<d", 1e300))]

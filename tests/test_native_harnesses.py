@@ -16,12 +16,14 @@ from fmus.native_backend import build_native_units
 from tests.conftest import design_of
 from tests.native.workshop import (
     HARNESSES,
+    NATIVE_UNITS,
     ZIG,
     compiled,
     native_unit,
     needs,
     needs_zig,
     run,
+    source_files,
     source_folder,
     workspace,
 )
@@ -31,7 +33,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is fo
 
 
 @needs("clang")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_life_cycle_under_sanitizers(unit: str) -> None:
     """AddressSanitizer with its leak check and UndefinedBehaviorSanitizer, misuse included."""
     program = compiled("life_cycle", unit, "clang", *SANITIZE)
@@ -39,7 +41,7 @@ def test_life_cycle_under_sanitizers(unit: str) -> None:
 
 
 @needs("gcc", "valgrind")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_life_cycle_under_valgrind(unit: str) -> None:
     program = compiled("life_cycle", unit, "gcc", "-O1", "-g")
     run(["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", "--errors-for-leak-kinds=all", str(program)])
@@ -47,13 +49,13 @@ def test_life_cycle_under_valgrind(unit: str) -> None:
 
 @on_linux
 @needs("gcc")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_nothing_is_allocated_between_instantiation_and_free(unit: str) -> None:
     run([str(compiled("allocations", unit, "gcc", "-O2"))])
 
 
 @needs("clang")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_random_calls(unit: str) -> None:
     """A short, seeded run; tests/native/fuzz.sh runs for as long as wanted."""
     program = compiled("fuzz", unit, "clang", "-O1", "-g", "-fsanitize=fuzzer,address,undefined",
@@ -87,16 +89,17 @@ def test_numbers_in_the_log_are_written_as_by_python(place: str) -> None:
 
 
 @on_linux
-@needs("gcc")
+@needs("gcc", "nm")
 def test_units_link_into_one_program_under_their_prefixes() -> None:
     """And the loop over the FMI functions equals the bare arithmetic to the last bit."""
     folder = workspace() / "prefixed"
     folder.mkdir()
     flags = ("-O2", "-std=c99", "-ffp-contract=off")
-    for unit in UNITS:
+    for unit in NATIVE_UNITS:
         (folder / unit).mkdir()
-        sources = sorted(map(str, source_folder(unit).glob("*.c")))
-        run(["gcc", *flags, f"-DFMI2_FUNCTION_PREFIX={unit}_", "-c", *sources], cwd=folder / unit)
+        run(["gcc", *flags, f"-DFMI2_FUNCTION_PREFIX={unit}_", "-c", *map(str, source_files(unit))], cwd=folder / unit)
+        names = run(["nm", "-g", "--defined-only", *map(str, (folder / unit).glob("*.o"))]).splitlines()
+        assert all(line.split()[-1].startswith(f"{unit}_") for line in names if len(line.split()) == 3)
     objects = sorted(map(str, folder.glob("*/*.o")))
     program = folder / "closed_loop"
     run(["gcc", *flags, f"-I{source_folder(UNITS[0])}", str(HARNESSES / "closed_loop.c"), *objects, "-o", str(program),
@@ -122,10 +125,10 @@ def foreign() -> dict[str, Path]:
     """The folders of units with binaries for this machine, 64-bit ARM and Windows, and run_library for each."""
     folder = workspace() / "foreign"
     names = ("x86_64-linux", "aarch64-linux", "x86_64-windows")
-    units = [native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in UNITS]
+    units = [native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in NATIVE_UNITS]
     build_native_units(units, names)
     places = {}
-    for unit in UNITS:
+    for unit in NATIVE_UNITS:
         fmpy.extract(str(folder / f"{unit}.fmu"), unzipdir=str(folder / unit))
         places[unit] = folder / unit
     for name, target, more in (("x86_64-linux", "x86_64-linux-gnu.2.17", ["-ldl"]),
@@ -145,7 +148,7 @@ on_x86 = pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "l
 @on_x86
 @needs("qemu-aarch64")
 @pytest.mark.skipif(not Path("/usr/aarch64-linux-gnu/lib").is_dir(), reason="not installed: libc6-arm64-cross")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_arm_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None:
     """Under qemu; to 1e-12, since the C libraries' exp and pow may differ in the last digit."""
     own = trace([str(foreign["x86_64-linux"])], str(foreign[unit] / f"binaries/linux64/{unit}.so"), foreign[unit])
@@ -159,7 +162,7 @@ def test_arm_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None
 @needs_zig
 @on_x86
 @needs("wine")
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_windows_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None:
     environment = os.environ | {"WINEPREFIX": str(workspace() / "wine"), "WINEDEBUG": "-all"}
     own = trace([str(foreign["x86_64-linux"])], str(foreign[unit] / f"binaries/linux64/{unit}.so"), foreign[unit])

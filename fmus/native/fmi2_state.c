@@ -186,10 +186,12 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fm
     return fmi2OK;
 }
 
-/* Can a unit have saved these bytes? Whatever could be set must be within its bounds, integers convert. */
+/* Can a unit have saved these bytes? Its clock and the variable time agree, whatever could be set must be within its
+   bounds, integers convert. */
 static bool plausible(const unsigned char *bytes)
 {
-    bool all = read_integer(bytes + 56, 8) <= TERMINATED && isfinite(read_real(bytes + 64)) &&
+    const double time = read_real(bytes + 64);
+    bool all = read_integer(bytes + 56, 8) <= TERMINATED && isfinite(time) && time == read_real(bytes + HEADER_SIZE) &&
                memchr(bytes + 80, '\0', TEXT_SIZE) != NULL;
     for (size_t k = 0; k < unit_variable_count; k++) {
         const double value = read_real(bytes + HEADER_SIZE + 8 * k);

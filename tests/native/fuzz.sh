@@ -7,14 +7,16 @@ folder=${2:-build/fuzz}
 mkdir -p "$folder"
 python -c "
 import shutil, sys
-from fmus.interface import UNITS
-from tests.native.workshop import source_folder
-for unit in UNITS:
-    shutil.copytree(source_folder(unit, small=True), f'{sys.argv[1]}/{unit}', dirs_exist_ok=True)
+from pathlib import Path
+from tests.native.workshop import NATIVE_UNITS, source_files, source_folder
+for unit in NATIVE_UNITS:
+    folder = Path(sys.argv[1], unit)
+    shutil.copytree(source_folder(unit, small=True), folder, dirs_exist_ok=True)
+    (folder / 'compiled').write_text(' '.join(str(folder / path.name) for path in source_files(unit, small=True)))
 " "$folder"
-for unit in BeamPlant FlatnessFeedforward TrackingController; do
+for unit in BeamPlant FlatnessFeedforward TrackingController BeamClosedLoop; do
     clang -O1 -g -std=c99 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all -I"$folder/$unit" \
-        "$folder/$unit"/*.c tests/native/fuzz.c -o "$folder/fuzz_$unit" -lm
+        $(cat "$folder/$unit/compiled") tests/native/fuzz.c -o "$folder/fuzz_$unit" -lm
     mkdir -p "$folder/corpus_$unit"
     "$folder/fuzz_$unit" -runs="$runs" -max_len=300 -print_final_stats=1 -artifact_prefix="$folder/$unit-" \
         "$folder/corpus_$unit" 2>&1 | tee "$folder/$unit.log"

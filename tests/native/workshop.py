@@ -14,6 +14,7 @@ import fmpy
 import pytest
 
 from controller.design import Design, DesignOptions, compute_design
+from fmus.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
 from fmus.data import unit_data
 from fmus.interface import UNITS, interface_of
 from fmus.native_backend import NativeUnit, build_native_units, unit_sources
@@ -21,6 +22,7 @@ from plant.structure import find_structure, read_structure
 from tests.conftest import design_of
 
 HARNESSES = Path(__file__).parent
+NATIVE_UNITS = (*UNITS, UNIT)
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 needs_zig = pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
@@ -42,17 +44,37 @@ def workspace() -> Path:
 
 def native_unit(unit: str, design: Design, out: Path) -> NativeUnit:
     """A unit of a design, with the plant in the design's own basis."""
+    if unit == UNIT:
+        return closed_loop(design, out)
+    part = _part(unit, unit, design)
+    return NativeUnit(interface=part.interface, data=part.data, meta=part.meta, out=out)
+
+
+def closed_loop(design: Design, out: Path) -> ClosedLoop:
+    """All three units of a design in one, wired as in the scenario `tracking`."""
+    parts = tuple(_part(name, unit, design) for name, unit in (
+        ("feedforward", "FlatnessFeedforward"), ("controller", "TrackingController"), ("plant", "BeamPlant")))
+    wires = [Wire(source=f"{owner}.{v.name}", to=f"{part.name}.{v.name}") for part in parts
+             for owner, array in (("feedforward", "u_ff"), ("feedforward", "x_ref"), ("controller", "u"),
+                                  ("plant", "y_pm"))
+             for v in part.interface if v.causality == "input" and v.array == array]
+    return ClosedLoop(interface=closed_loop_interface(parts, wires, design.options.sample_time, 6.0, "Closed loop"),
+                      parts=parts, wires=tuple(wires), coupling="jacobi", out=out)
+
+
+def _part(name: str, unit: str, design: Design) -> Part:
     model = design.model()
     interface = interface_of(unit, design, model)
     data, meta = unit_data(interface, design, model)
-    return NativeUnit(interface=interface, data=data, meta=meta, out=out)
+    return Part(name=name, interface=interface, data=data, meta=meta)
 
 
 @cache
 def native_fmus(structure: str = "kiel", basis: str = "clamped_free") -> Path:
-    """The folder with the three FMUs."""
+    """The folder with the FMUs."""
     folder = workspace() / f"{structure}-{basis}"
-    build_native_units([native_unit(unit, design_of(structure, basis), folder / f"{unit}.fmu") for unit in UNITS])
+    design = design_of(structure, basis)
+    build_native_units([native_unit(unit, design, folder / f"{unit}.fmu") for unit in NATIVE_UNITS])
     return folder
 
 
@@ -83,11 +105,17 @@ def source_folder(unit: str, small: bool = False) -> Path:
     return folder
 
 
+def source_files(unit: str, small: bool = False) -> list[Path]:
+    """The C files that are compiled, in the unit's folder."""
+    folder = source_folder(unit, small)
+    return [folder / name for name in native_unit(unit, small_design() if small else design_of(), folder).compiled()]
+
+
 def compiled(harness: str, unit: str, *command: str, small: bool = False, more: Sequence[str] = ()) -> Path:
     """A harness of this folder linked with a unit's sources by a compiler and its flags."""
     sources = source_folder(unit, small)
     program = workspace() / f"{harness}-{unit}-{abs(hash((command, small)))}"
-    files = [*sorted(sources.glob("*.c")), HARNESSES / f"{harness}.c"]
+    files = [*source_files(unit, small), HARNESSES / f"{harness}.c"]
     run([*command, *STRICT, f"-I{sources}", *map(str, files), "-o", str(program), "-lm", *more])
     return program
 

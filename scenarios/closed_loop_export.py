@@ -1,0 +1,65 @@
+"""A scenario's closed loop as one native unit that needs no master for what happens inside."""
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from fmus.closed_loop import ClosedLoop, Part, Wire, closed_loop_interface
+from fmus.data import unit_data
+from fmus.errors import InterfaceError
+from fmus.interface import interface_of
+from fmus.native_backend import build_native_units
+from plant.errors import InputError
+from scenarios.draft import Draft, draft_run
+from scenarios.run import prepare
+from scenarios.schema import Scenario, find_scenario
+from scenarios.settings import Settings
+
+LONGEST_NAME = 18   # of an instance: <instance>.<variable> must fit into the unit's tables
+
+
+def export_closed_loop(name: str, out: Path, settings: Settings, platforms: Sequence[str] = ("host",),
+                       report: Callable[[str], None] = lambda text: None) -> Path:
+    """Writes a scenario's instances as one FMU; errors as of a run, and BuildError where it cannot be compiled.
+
+    Inputs that no connection drives are the unit's: external signals stay outside. Start values are built in. Equal
+    arguments give equal bytes.
+    """
+    path = find_scenario(name)
+    scenario, design = prepare(path, settings)
+    _check(scenario, str(path))
+    scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
+    parts = []
+    for instance, declared in scenario.instance.items():
+        interface = interface_of(str(declared.unit), design, draft.models[instance])
+        data, meta = unit_data(interface, design, draft.models[instance])
+        parts.append(Part(name=instance, interface=interface.with_starts(draft.starts[instance]), data=data, meta=meta))
+    wires = _wires(draft)
+    listed = ", ".join(f"{part.name} ({part.unit})" for part in parts)
+    try:
+        interface = closed_loop_interface(parts, wires, draft.step, scenario.stop_time,
+                                          f"{scenario.title}: {listed} in one unit")
+    except InterfaceError as error:
+        raise InputError("", str(error), source=str(path)) from None
+    report(f"building {interface.unit_name}")
+    build_native_units([ClosedLoop(interface=interface, parts=tuple(parts), wires=tuple(wires),
+                                   coupling=scenario.coupling, out=out)],
+                       platforms, settings.compiler, version=version("flexbeams"))
+    return out
+
+
+def _check(scenario: Scenario, source: str) -> None:
+    for name, instance in scenario.instance.items():
+        if instance.unit is None:
+            raise InputError(f"instance.{name}.fmu", "cannot go into a closed loop, which is made of units built here",
+                             instance.fmu, source=source)
+        if len(name) > LONGEST_NAME or not name.isascii():
+            raise InputError(f"instance.{name}", f"must have at most {LONGEST_NAME} letters, digits and underscores of "
+                             "ASCII in a closed loop", name, source=source)
+
+
+def _wires(draft: Draft) -> list[Wire]:
+    """The connections, element by element."""
+    origins = {place: name for name, place in draft.plan.sources.items()}
+    return [Wire(source=origins[place], to=f"{instance}.{name}") for instance, inputs in draft.plan.inputs.items()
+            for name, place in inputs if place in origins]
