@@ -9,18 +9,25 @@ import click
 from scenarios.options import BASES, COUPLINGS, compiler_option, note
 from scenarios.run_command import assignment
 
-# Format: function that writes it, suffix of its file
+# Format: function that writes it, suffix of its file or folder
 KINDS = {
     "ssp": ("scenarios.ssp_export:export_ssp", ".ssp"),
+    "ospsystem": ("scenarios.osp_export:export_osp", "_osp"),
+    "closed-loop": ("scenarios.closed_loop_export:export_closed_loop", ".fmu"),
+    "container": ("scenarios.container_export:export_container", ".fmu"),
 }
 
 
 @click.command()
 @click.argument("scenario", metavar="SCENARIO")
 @click.option("--format", "kind", type=click.Choice(list(KINDS)), default="ssp", show_default=True,
-              help="ssp: an SSP 1.0 package with units, connections, signals and start values.")
-@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="The file to write. [default: <scenario> with the format's suffix]")
+              help="ssp: an SSP 1.0 package with units, connections, signals and start values. "
+                   "ospsystem: a folder (or .zip) with OspSystemStructure.xml and the units, for tools of the Open "
+                   "Simulation Platform. "
+                   "closed-loop: one FMU that holds all units and their wiring; the signals stay outside. "
+                   "container: the same made of the single units by FMUContainer (extra `containers`).")
+@click.option("-o", "--out", type=click.Path(path_type=Path), metavar="FILE",
+              help="The file, or folder, to write. [default: <scenario> with the format's suffix]")
 @click.option("--platform", "platforms", multiple=True, default=("host",), show_default=True, metavar="P",
               help="Binaries in the units: host, all, or names as for `flexbeams build`. Repeatable.")
 @compiler_option
@@ -32,12 +39,14 @@ KINDS = {
 @click.option("--stop-time", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Simulated time in s.")
 @click.option("--step", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Communication step in s.")
 def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:
-    """Write a scenario for other tools: the closed loop with its signals, complete in one file."""
+    """Write a scenario for other tools: the closed loop, complete in one file or folder."""
     from scenarios.settings import Settings
 
     place, suffix = KINDS[kind]
     module, _, function = place.partition(":")
     file = out or Path(f"{Path(scenario).stem}{suffix}")
+    if suffix.startswith(".") and file.is_dir():
+        raise click.BadParameter("must be a file, not a folder", param_hint="--out")
     write = getattr(import_module(module), function)
     click.echo(write(scenario, file, Settings(frames=False, **options), platforms, note))
     return 0

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
-from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
 from plant.errors import InputError
@@ -27,6 +26,7 @@ from scenarios.ssp_run import run_package
 
 STEP = 2e-4
 STOPS = {"tracking": 1.2, "disturbance": 1.1, "retarget": 1.7}   # s: into the motions
+SCENARIOS = (*STOPS, "high_fidelity", "step_response", "single_beam", "five_beams")
 NS = {"ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
       "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
       "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues"}
@@ -63,8 +63,8 @@ def deviation(one: Recording, other: Recording) -> float:
     return float(np.max(error[scale > 0] / scale[scale > 0]))
 
 
-@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
-@pytest.mark.parametrize("scenario", STOPS)
+@pytest.mark.parametrize(("scenario", "coupling"), [
+    *((scenario, "jacobi") for scenario in STOPS), ("retarget", "gauss-seidel")])
 def test_the_package_runs_as_its_scenario(scenario: str, coupling: Any, export: Export,
                                           short: Callable[..., Settings]) -> None:
     stop = STOPS[scenario]
@@ -77,90 +77,67 @@ def test_the_package_runs_as_its_scenario(scenario: str, coupling: Any, export: 
     assert deviation(own.recording, package.recording) <= 1e-12
 
 
-def fmpy_rows(table: Any, names: list[str]) -> tuple[Any, Any]:
-    """FMPy's result as it should be labelled: the row at the time before a step holds the values after it."""
-    return table["time"] + STEP, np.column_stack([table[n] for n in names])
-
-
-@pytest.mark.parametrize("scenario", STOPS)
-def test_fmpy_agrees_with_the_reference_of_its_coupling(scenario: str, export: Export,
-                                                       short: Callable[..., Settings]) -> None:
-    stop = STOPS[scenario]
-    reference = run_scenario(scenario, short(stop_time=stop, coupling="jacobi")).recording
-    table = simulate_ssp(str(export(scenario, stop_time=stop)), stop_time=stop, step_size=STEP)
-    names = [c for c in reference.columns if c in table.dtype.names and not c.startswith(("plant.u[", "plant.force["))]
-    assert {n.split("[")[0] for n in names} == {"plant.y_pi", "plant.y_pm", "controller.u", "controller.y_est",
-                                               "feedforward.u_ff", "feedforward.y_ref"}
-    places = [reference.columns.index(n) for n in names]
-    # Every connector begins at 0 there, whatever the units say; here they do begin so.
-    assert not reference.values[0, places].any()
-    time, values = fmpy_rows(table, names)
-    # It adds up its steps, and makes one more where the sum falls short of the stop time.
-    steps = reference.steps
-    assert len(time) in (steps, steps + 1)
-    assert time[:steps] == pytest.approx(reference.time[1:], rel=1e-10)
-    expected = reference.values[1:, places]
-    scale = np.max(np.abs(expected), axis=0)
-    assert np.max(np.abs(values[:steps] - expected) / np.where(scale > 0, scale, 1.0)) <= 1e-9
-
-
-def test_fmpy_starts_constants_a_step_late(write_scenario: Callable[[str, str], Path], export: Export,
-                                           short: Callable[..., Settings]) -> None:
-    """FMPy exchanges nothing before the first step: a voltage from the start on counts from the second step on."""
-    text = ('title = "x"\nstructure = "single_beam"\nstop_time = 0.2\n[instance.plant]\nunit = "BeamPlant"\n[[input]]\n'
-            'to = "plant.u"\n')
-    constant = write_scenario("constant", text + "constant = 300.0\n")
-    later = write_scenario("later", text + f"step = {{ time = {STEP}, value = 300.0 }}\n")
-    table = simulate_ssp(str(export(str(constant))), stop_time=0.2, step_size=STEP)
-    reference = run_scenario(str(later), short()).recording
-    names = [c for c in reference.columns if c.startswith("plant.y_")]
-    expected = reference.values[1:, [reference.columns.index(n) for n in names]]
-    values = fmpy_rows(table, names)[1][:len(expected)]
-    assert np.max(np.abs(expected)) > 1e-4
-    assert values == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.max(np.abs(expected)))
-    own = run_package(export(str(constant)), short()).recording
-    assert deviation(run_scenario(str(constant), short()).recording, own) <= 1e-12
-
-
 @pytest.fixture(scope="module")
-def changed(export: Export) -> tuple[Path, Path]:
-    """A package with start values of its own, and the folder that it is extracted to."""
-    path = export("mismatch", stop_time=0.1,
+def changed(export: Export) -> Path:
+    """A package with start values of its own."""
+    return export("mismatch", stop_time=0.1,
                   values={"plant.beam[2].tip_mass": 0.033, "plant.strain_noise_std": 1e-7, "plant.noise_seed": 5.0,
                           "controller.feedback": False, "plant.force": [0.0, 0.5, 0.0]})
-    return path, Path(fmpy.extract(str(path), unzipdir=str(path.parent / "extracted")))
 
 
-def test_start_values_are_equal_in_description_kernel_and_parameter_set(changed: tuple[Path, Path]) -> None:
-    package = read_ssd(str(changed[0]))
+Values = dict[str, dict[str, float]]
+
+
+def number(kind: str, text: str) -> float:
+    return {"true": 1.0, "false": 0.0}[text] if kind == "Boolean" else float(text)
+
+
+def start_values(path: Path, folder: Path) -> tuple[Values, Values, Values]:
+    """Parameters by component: in the parameter set, in modelDescription.xml, in the kernel before initialisation."""
+    sets, described, kernels = {}, {}, {}
+    fmpy.extract(str(path), unzipdir=str(folder))
+    for component in read_ssd(str(path)).system.elements:
+        unit = Path(fmpy.extract(str(folder / component.source), unzipdir=str(folder / component.name)))
+        description = fmpy.read_model_description(str(unit))
+        parameters = [p for b in component.parameterBindings for v in b.parameterValues for p in v.parameters]
+        sets[component.name] = {p.name: number(p.type, p.value) for p in parameters}
+        described[component.name] = {v.name: number(v.type, v.start) for v in description.modelVariables
+                                     if v.causality == "parameter"}
+        with UnitInstance(component.name, unit, description, print) as instance:
+            kernels[component.name] = {name: float(instance.get(name)) for name in sets[component.name]}
+    return sets, described, kernels
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_start_values_are_equal_in_description_kernel_and_parameter_set(scenario: str, export: Export,
+                                                                        tmp_path: Path) -> None:
+    sets, described, kernels = start_values(export(scenario, stop_time=STOPS.get(scenario, 0.01)), tmp_path)
+    assert sets == described == kernels
+    assert "plant" in sets
+    assert all(sets.values())
+
+
+def test_start_values_that_were_set_are_in_all_three(changed: Path, tmp_path: Path) -> None:
+    sets, described, kernels = start_values(changed, tmp_path)
+    assert sets == described == kernels
     wanted = {"plant": {"beam[2].tip_mass": 0.033, "strain_noise_std": 1e-7, "noise_seed": 5.0},
               "controller": {"feedback": 0.0}, "source": {"force_constant.value[2]": 0.5}}
-    for component in package.system.elements:
-        folder = Path(fmpy.extract(str(changed[1] / component.source)))
-        description = fmpy.read_model_description(str(folder))
-        sets = component.parameterBindings[0].parameterValues[0].parameters
-        values = {p.name: {"true": 1.0, "false": 0.0}.get(p.value) if p.type == "Boolean" else float(p.value)
-                  for p in sets}
-        own = {v.name: {"true": 1.0, "false": 0.0}[v.start] if v.type == "Boolean" else float(v.start)
-               for v in description.modelVariables if v.causality == "parameter"}
-        assert values == own
-        assert wanted.get(component.name, {}).items() <= values.items()
-        with UnitInstance(component.name, folder, description, print) as unit:
-            assert {name: float(unit.get(name)) for name in values} == values
-    plant = next(c for c in package.system.elements if c.name == "plant")
-    springs = {p.name: float(p.value) for p in plant.parameterBindings[0].parameterValues[0].parameters
-               if p.name.startswith("spring")}
+    for component, values in wanted.items():
+        assert values.items() <= sets[component].items()
+    springs = [value for name, value in sets["plant"].items() if name.startswith("spring")]
     nominal = read_structure(find_structure("kiel")).spring
-    assert list(springs.values()) == pytest.approx([1.1 * s.stiffness for s in nominal])   # by the scenario
+    assert springs == pytest.approx([1.1 * s.stiffness for s in nominal])   # by the scenario
 
 
-def test_start_values_change_the_unit_s_identity(changed: tuple[Path, Path], export: Export) -> None:
-    with zipfile.ZipFile(export("tracking", stop_time=STOPS["tracking"])) as other:
-        theirs = other.read("resources/BeamPlant.fmu")
-    assert (changed[1] / "resources/BeamPlant.fmu").read_bytes() != theirs
+def test_start_values_change_the_unit_s_identity(changed: Path, export: Export) -> None:
+    contents = []
+    for path in (changed, export("tracking", stop_time=STOPS["tracking"])):
+        with zipfile.ZipFile(path) as archive:
+            contents.append(archive.read("resources/BeamPlant.fmu"))
+    assert contents[0] != contents[1]
 
 
-@pytest.mark.parametrize("scenario", [*STOPS, "high_fidelity"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
 def test_the_package_is_valid(scenario: str, export: Export, capsys: pytest.CaptureFixture[str]) -> None:
     path = export(scenario, stop_time=STOPS.get(scenario, 0.01))
     assert package_problems(path) == []
@@ -206,37 +183,57 @@ def test_the_package_keeps_to_what_all_tools_read(export: Export) -> None:
         other, end = connectors[wire.get("endElement"), wire.get("endConnector")]
         assert (kind, other) == ("output", "input")
         assert start.get("unit") == end.get("unit") is not None
-        assert len(wire) == 0   # no transformation
+        assert [part.tag for part in wire] in ([], [f"{{{NS['ssd']}}}ConnectionGeometry"])   # no transformation
         ends.append((wire.get("endElement"), wire.get("endConnector")))
     # FMPy gives an input that nothing drives the value of another one: there is none
     assert sorted(ends) == sorted(key for key, (kind, _) in connectors.items() if kind == "input")
 
 
-@pytest.mark.parametrize("scenario", ["tracking", "disturbance"])
+def corners(element: Any) -> list[float]:
+    return [float(element.get(k)) for k in ("x1", "y1", "x2", "y2")]
+
+
+@pytest.mark.parametrize("scenario", ["tracking", "disturbance", "five_beams"])
 def test_the_diagram_is_tidy(scenario: str, export: Export) -> None:
-    system = structure(export(scenario, stop_time=STOPS[scenario])).find("ssd:System", NS)
+    system = structure(export(scenario, stop_time=STOPS.get(scenario, 0.01))).find("ssd:System", NS)
     assert system is not None
-
-    def corners(element: Any) -> list[float]:
-        return [float(element.get(k)) for k in ("x1", "y1", "x2", "y2")]
-
     canvas = corners(system.find("ssd:SystemGeometry", NS))
-    blocks = {}
+    blocks, places = {}, {}
     for component in system.iterfind("ssd:Elements/ssd:Component", NS):
         x1, y1, x2, y2 = blocks[component.get("name")] = corners(component.find("ssd:ElementGeometry", NS))
         assert canvas[0] < x1 < x2 < canvas[2]
         assert canvas[1] < y1 < y2 < canvas[3]
-        places = []
         for connector in component.iterfind("ssd:Connectors/ssd:Connector", NS):
             place = connector.find("ssd:ConnectorGeometry", NS)
             assert place is not None
-            assert float(place.get("x", "")) == (0.0 if connector.get("kind") == "input" else 1.0)
-            assert 0 < float(place.get("y", "")) < 1
-            places.append((place.get("x"), place.get("y")))
-        assert len(set(places)) == len(places)
+            x, y = float(place.get("x", "")), float(place.get("y", ""))
+            assert x == (0.0 if connector.get("kind") == "input" else 1.0)
+            assert 0 < y < 1
+            places[component.get("name"), connector.get("name")] = x1 + x * (x2 - x1), y1 + y * (y2 - y1)
+    assert len(set(places.values())) == len(places)
     order = sorted(blocks, key=lambda name: blocks[name][0])
     assert order == ["source", "feedforward", "controller", "plant"]
     assert all(blocks[a][2] < blocks[b][0] for a, b in pairwise(order))
+    segments, bent = [], 0
+    for wire in system.iterfind("ssd:Connections/ssd:Connection", NS):
+        geometry = wire.find("ssd:ConnectionGeometry", NS)
+        points = [] if geometry is None else list(zip(*(
+            map(float, geometry.get(f"points{axis}", "").split()) for axis in "XY"), strict=True))
+        bent += geometry is not None
+        way = [places[wire.get("startElement"), wire.get("startConnector")], *points,
+               places[wire.get("endElement"), wire.get("endConnector")]]
+        assert all(canvas[0] < x < canvas[2] and canvas[1] < y < canvas[3] for x, y in way)
+        segments += list(pairwise(way))
+        # Upright or level around blocks, so that the extent of a segment is all it needs
+        assert geometry is None or all(np.isclose(a, b, atol=1e-3).any() for a, b in pairwise(way))
+    assert 0 < bent < len(segments)
+    for (x1, y1), (x2, y2) in segments:
+        for left, low, right, high in blocks.values():
+            assert max(x1, x2) <= left + 1e-3 or min(x1, x2) >= right - 1e-3 or \
+                max(y1, y2) <= low or min(y1, y2) >= high
+    # No two on one another
+    levels = sorted((y1, min(x1, x2), max(x1, x2)) for (x1, y1), (x2, y2) in segments if y1 == y2 and x1 != x2)
+    assert all(a[0] != b[0] or a[2] <= b[1] for a, b in pairwise(levels))
 
 
 def test_equal_exports_have_equal_bytes(export: Export, tmp_path: Path) -> None:
