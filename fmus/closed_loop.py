@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from fmus.closed_loop_page import Block, loop_picture, wiring_page
 from fmus.errors import InterfaceError
-from fmus.native_backend import FMI_FILES, NativeUnit, mathematics_files
+from fmus.native_backend import FMI_FILES, NativeUnit, mathematics_files, native_source
 from fmus.tables import DEFERRED, NAME_SIZE, c_list, c_real, c_source, c_text, interface_tables, kernel_tables
 from fmus.variables import Interface, Variable, time_variable
 
@@ -59,16 +59,18 @@ class ClosedLoop(NativeUnit):
 
     def files(self) -> tuple[str, ...]:
         """The files of fmus/native that are among its sources."""
-        mathematics = {file for part in self.parts for file in mathematics_files(part.unit)}
-        return (*FMI_FILES, "closed_loop.c", "closed_loop.h", "part.h", *sorted(mathematics))
+        headers = {file for part in self.parts for file in mathematics_files(part.unit) if file.endswith(".h")}
+        return (*FMI_FILES, "closed_loop.c", "closed_loop.h", "part.h", *sorted(headers))
 
     def tables(self, guid: str) -> dict[str, str]:
-        """tables.c and part_<k>.c."""
+        """tables.c, part_<k>.c, and the mathematics under names that no tool compiles, since the parts include it."""
         sources = {f"part_{k}.c": self._part_source(part, k) for k, part in enumerate(self.parts, 1)}
-        return sources | {"tables.c": self._loop_source(guid)}
+        included = {_included(file): native_source(file) for part in self.parts
+                    for file in mathematics_files(part.unit) if file.endswith(".c")}
+        return sources | included | {"tables.c": self._loop_source(guid)}
 
     def compiled(self) -> list[str]:
-        """Not the mathematics: the parts include it, each under names of its own."""
+        """All .c files: the parts include the mathematics, each under names of its own."""
         parts = [f"part_{k}.c" for k in range(1, len(self.parts) + 1)]
         return sorted([*(file for file in FMI_FILES if file.endswith(".c")), "closed_loop.c", "tables.c", *parts])
 
@@ -93,7 +95,7 @@ class ClosedLoop(NativeUnit):
         return c_source(
             f"{part.name}, a {part.unit}, as a part of a closed loop", f"#define PART(name) part_{number}_##name",
             f"#define PART_VALUES {self.interface.reference(f'{part.name}.time')}", "", '#include "part.h"',
-            *[f'#include "{file}"' for file in files], "",
+            *[f'#include "{_included(file)}"' for file in files], "",
             f"const double unit_step_size = {c_real(part.interface.step_size)};",
             *kernel_tables(part.interface, part.data, part.meta))
 
@@ -123,6 +125,11 @@ class ClosedLoop(NativeUnit):
             "\nmathematics loop_mathematics(size_t part)\n{\n    switch (part) {",
             *[f"    case {k - 1}: return fmi2FullName(part_{k}_mathematics)();" for k in numbers[:-1]],
             f"    default: return fmi2FullName(part_{numbers[-1]}_mathematics)();", "    }\n}\n")
+
+
+def _included(file: str) -> str:
+    """beam_plant.c as beam_plant.inc: some tools compile every .c file that they find."""
+    return file.removesuffix(".c") + ".inc"
 
 
 def closed_loop_interface(parts: Sequence[Part], wires: Sequence[Wire], step: float, stop_time: float,

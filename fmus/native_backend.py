@@ -79,6 +79,11 @@ def mathematics_files(unit: str) -> tuple[str, ...]:
     return (*_OWN[unit], *_LINEAR_ALGEBRA)
 
 
+def native_source(file: str) -> str:
+    """A file of fmus/native."""
+    return (_NATIVE / file).read_text(encoding="utf-8")
+
+
 def build_native_units(units: Sequence[NativeUnit], platforms: Sequence[str] = ("host",), compiler: str = "zig",
                        **attributes: str) -> list[Path]:
     """Build units with binaries for `platforms` (host, all or names of fmus.compilers.PLATFORMS); returns their files.

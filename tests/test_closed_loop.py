@@ -5,6 +5,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -258,16 +259,18 @@ def test_parameters_reach_the_parts() -> None:
 
 def test_instances_do_not_touch() -> None:
     """In threads side by side each does what it does alone."""
-    def work(level: float) -> bytes:
-        with loaded(tracking(), f"loop {level}") as unit:
-            rows = [walk(unit.begin() if k == 0 else unit, [SAMPLE] * 20,
-                         **{"feedforward.y_target": level * np.array(TARGET)}) for k in range(5)]
-            return np.array(rows).tobytes()
+    def work(unit: Loaded, level: float) -> bytes:
+        rows = [walk(unit.begin() if k == 0 else unit, [SAMPLE] * 20,
+                     **{"feedforward.y_target": level * np.array(TARGET)}) for k in range(5)]
+        return np.array(rows).tobytes()
 
     levels = [0.25, 0.5, 0.75, 1.0]
-    expected = [work(level) for level in levels]
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(work, levels)) == expected
+    with ExitStack() as stack:   # loaded one by one, since FMPy changes the present directory meanwhile
+        alone, beside = ([stack.enter_context(loaded(tracking(), f"loop {level}")) for level in levels]
+                         for _ in range(2))
+        expected = list(map(work, alone, levels))
+        with ThreadPoolExecutor(4) as pool:
+            assert list(pool.map(work, beside, levels)) == expected
     assert len(set(expected)) == 4
 
 

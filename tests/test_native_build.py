@@ -106,8 +106,9 @@ def test_contents_of_a_unit(unit: str) -> None:
     listed = [node.get("name") for node in
               ElementTree.parse(native_folder(unit) / "modelDescription.xml").iter("File")]
     assert listed == [path.name for path in source_files(unit)]
+    assert listed == [Path(n).name for n in names if n.endswith(".c")]   # some tools compile all that they find
     text = "".join(path.read_text() for path in source_files(unit))
-    assert all(f'#include "{Path(n).name}"' in text for n in names if n.endswith(".c") and Path(n).name not in listed)
+    assert all(f'#include "{Path(n).name}"' in text for n in names if n.endswith(".inc"))
     host = host_platform()
     binaries = sorted(f"binaries/{folder}/{unit}{host.suffix}" for folder in host.folders)
     assert [n for n in names if n.startswith("binaries/")] == binaries
