@@ -50,7 +50,7 @@ def _item(tokens: list[tuple[str, str]]) -> str:
         return f"<mn>{text}</mn>"
     if kind == "name":
         if text in _DOTS:
-            return f'<mover accent="true">{_item(tokens)}<mo>{_DOTS[text]}</mo></mover>'
+            return f'<mover accent="false">{_item(tokens)}<mo>{_DOTS[text]}</mo></mover>'
         return "<mo>&#x2211;</mo>" if text == "sum" else f"<mi>{escape(text)}</mi>"
     if text == ";":
         return '<mspace width="2em"/>'
