@@ -25,6 +25,26 @@ def show_bench(figures: dict[str, Any]) -> None:
               soft_wrap=True)
 
 
+def show_masters(figures: dict[str, Any]) -> None:
+    """Seconds of each master beside the runner's, and how far they agree."""
+    out = console()
+    out.print(f"[bold]{figures['scenario']}.ssp, {figures['steps']} steps of {1e6 * figures['step_s']:g} µs[/]; least "
+              "times, each master in a process of its own on one core", soft_wrap=True)
+    table = _titled("s for these steps, x runner", "master", "coupling", "deviation", "recorded", "x", "silent", "x",
+                    "loading")
+    for m in figures["masters"]:
+        figures_of = (("deviation", ".1e"), ("recorded_s", ".3f"), ("recorded_ratio", ".1f"), ("silent_s", ".3f"),
+                      ("silent_ratio", ".1f"), ("loading_s", ".2f"))
+        table.add_row(f"{m['name']} {m['version']}", m["coupling"],
+                      *("" if m[key] is None else format(m[key], form) for key, form in figures_of))
+    out.print(table)
+    out.print(f"recorded: {figures['signals']} signals at every step; deviation: largest difference of a signal from "
+              "the runner's with that coupling, relative to the signal's largest value. Where no loading is given, the "
+              "other times include it.", soft_wrap=True)
+    if figures["missing"]:
+        out.print(f"not installed, or failed: {', '.join(figures['missing'])}", soft_wrap=True)
+
+
 def _titled(title: str, first: str, *others: str) -> Table:
     table = Table(title=title, title_justify="left")
     table.add_column(first)

@@ -1,0 +1,1 @@
+"""Co-simulation masters of others, each running an exported package as it is."""

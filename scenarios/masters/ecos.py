@@ -1,0 +1,95 @@
+"""Ecos by ecospy: reads the SSP itself, steps units on several threads and then passes values on."""
+
+import ctypes
+import time
+from importlib.metadata import PackageNotFoundError, files
+from typing import Any
+
+import numpy as np
+
+from plant.basis import Array
+from scenarios.masters.tasks import private_folder
+from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
+
+_TBB = "libtbb.so.12"
+FAULTS = (
+    Fault(name="missing library", what="On Linux it needs libtbb.so.12, which it does not bring along. The one of the "
+          "wheel `tbb` is loaded first, where the system has none."),
+    Fault(name="six decimals", what="Its CSV files hold six decimals, four digits of a deflection. Values are read "
+          "after every step by get_real, which is exact."),
+    Fault(name="accumulated time", what="Steps are added up, so that units are told times that are off in the last "
+          "digits: 1e-12 in what the feedforward plans. Rows are counted."),
+    Fault(name="blind to refusals", what="That a unit refuses to be instantiated or stepped is not noticed, its "
+          "outputs stay as they are. The time that each unit has reached is read in the end."),
+    Fault(name="crash on loading", what="A unit whose library cannot be loaded ends the process. It runs in one of its "
+          "own."),
+    Fault(name="folders left behind", what="The extracted package stays in the folder for temporary files. It goes to "
+          "one that is removed."),
+    Fault(name="kept descriptions", what="0.2 MB stay allocated for every package of this size that is loaded, stepped "
+          "or not. Nothing can be done about it but to reset a simulation rather than to load it again."),
+    Fault(name="threads", what="Units are stepped on threads, which costs as much as these units do. Its process "
+          "keeps to one core."),
+)
+
+
+class EcosError(RuntimeError):
+    """Ecos refused a package."""
+
+
+def simulate(task: Task) -> Trace:
+    """Runs an SSP; recording takes a call a value and step."""
+    _load_tbb()
+    from ecospy import EcosSimulation
+    from ecospy.lib import EcosLib
+
+    EcosLib.set_log_level("warn")
+    names = [name.replace(".", "::", 1) for name in task.signals]
+    begin = time.perf_counter()
+    with private_folder(), EcosSimulation(task.step, ssp_path=str(task.file)) as simulation:
+        if not simulation.init():
+            raise EcosError(EcosLib.get_last_error())
+        values: Array = np.zeros((task.steps + 1 if names else 1, len(names)))
+        loaded = time.perf_counter()
+        if names:
+            for k in range(task.steps + 1):
+                if k:
+                    simulation.step()
+                values[k] = [simulation.get_real(name) for name in names]
+        else:
+            simulation.step(task.steps)
+        done = time.perf_counter()
+        for component in task.components:
+            _require_end(component, _time(simulation, component), task)
+        simulation.terminate()
+    return Trace(time=step_times(task.step, 0, len(values)), columns=list(task.signals), values=values,
+                 loading=loaded - begin, stepping=done - loaded)
+
+
+def _time(simulation: Any, component: str) -> float:
+    """The time that a unit has reached; that of the simulation where it has no variable for it."""
+    try:
+        return float(simulation.get_real(f"{component}::time"))
+    except Exception:   # the only type that ecospy raises
+        return float(simulation.get_time())
+
+
+def _require_end(component: str, reached: float, task: Task) -> None:
+    if abs(reached - task.steps * task.step) > 0.5 * task.step:
+        raise EcosError(f"{component} refused a call at {reached:.6g} s")
+
+
+def _load_tbb() -> None:
+    """Loads the library that ecospy needs, from the wheel where the system has none."""
+    try:
+        ctypes.CDLL(_TBB, ctypes.RTLD_GLOBAL)
+    except OSError:
+        try:
+            found = [file.locate() for file in files("tbb") or () if file.name == _TBB]
+        except PackageNotFoundError:
+            found = []
+        for path in found:
+            ctypes.CDLL(str(path), ctypes.RTLD_GLOBAL)
+
+
+MASTER = Master(name="Ecos", distribution="ecospy", module="ecospy", coupling="jacobi", late=False, faults=FAULTS,
+                simulate=simulate, kept=250_000)

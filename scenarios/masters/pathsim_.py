@@ -1,0 +1,85 @@
+"""PathSim with pathsim-fmi: is told the units and connections of an SSP; each unit's step is passed on at once."""
+
+import gc
+import time
+from typing import Any
+
+import numpy as np
+
+from plant.basis import Array
+from scenarios.archives import Allowance
+from scenarios.masters.tasks import private_folder, wires_by_pair
+from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
+from scenarios.ssp_import import Package, open_package
+
+FAULTS = (
+    Fault(name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed over."),
+    Fault(name="Boolean outputs", what="Every output is read as Real, which units with Boolean or Integer outputs "
+          "refuse. Its map of outputs is cut down to the Real ones."),
+    Fault(name="early labels", what="Units step at the beginning of a step of the simulation: what is recorded at a "
+          "time holds the values a step later. Times are shifted by a step."),
+    Fault(name="folders left behind", what="Extracted units stay in the folder for temporary files. They go to one "
+          "that is removed."),
+    Fault(name="late release", what="Units are freed by the garbage collector only. It is called after the run."),
+)
+
+
+def simulate(task: Task) -> Trace:
+    """Runs the units and connections of an SSP."""
+    import pathsim_fmi  # noqa: F401  (not part of the loading)
+
+    begin = time.perf_counter()
+    with private_folder() as folder:
+        package = open_package(task.file, folder / "package", Allowance())
+        simulation, scopes = _assembled(package, task)
+        loaded = time.perf_counter()
+        simulation.run((task.steps - 1) * task.step)
+        done = time.perf_counter()
+        values: Array = np.zeros((task.steps if scopes else 0, len(task.signals)))
+        for places, scope in scopes:
+            values[:, places] = scope.read()[1].T
+        del simulation, scopes
+        gc.collect()
+    return Trace(time=step_times(task.step, 1, len(values)), columns=list(task.signals), values=values,
+                 loading=loaded - begin, stepping=done - loaded)
+
+
+def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int], Any]]]:
+    """The simulation, and places among the signals with the block that records them."""
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Scope
+    from pathsim_fmi import blocks as fmu_blocks
+
+    original = fmu_blocks.FMUWrapper
+    fmu_blocks.FMUWrapper = _wrapper_of_reals(original)
+    try:
+        blocks = {name: fmu_blocks.CoSimulationFMU(str(component.fmu), name, dt=task.step)
+                  for name, component in package.components.items()}
+    finally:
+        fmu_blocks.FMUWrapper = original
+    connections = [Connection(blocks[start][[output for output, _ in wires]], blocks[end][[i for _, i in wires]])
+                   for (start, end), wires in wires_by_pair(package).items()]
+    scopes = []
+    for name, block in blocks.items():
+        places = [k for k, signal in enumerate(task.signals) if signal.startswith(f"{name}.")]
+        if places:
+            scopes.append((places, Scope()))
+            connections.append(Connection(block[[task.signals[k].partition(".")[2] for k in places]],
+                                          scopes[-1][1][list(range(len(places)))]))
+    return Simulation([*blocks.values(), *(scope for _, scope in scopes)], connections, dt=task.step, log=False), scopes
+
+
+def _wrapper_of_reals(wrapper: Any) -> Any:
+    """pathsim-fmi's wrapper of a unit without outputs and inputs of other types."""
+    class RealWrapper(wrapper):  # type: ignore[misc]
+        def _build_variable_maps(self) -> None:
+            super()._build_variable_maps()
+            for references in (self.input_refs, self.output_refs):
+                for name in [n for n in references if self.variable_map[n].type != "Real"]:
+                    del references[name]
+
+    return RealWrapper
+
+
+MASTER = Master(name="PathSim", distribution="pathsim-fmi", module="pathsim_fmi", coupling="gauss-seidel", late=False,
+                faults=FAULTS, simulate=simulate)

@@ -1,0 +1,76 @@
+"""How a package wants to be run, and a folder for what tools leave behind."""
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from xml.etree import ElementTree
+
+from fmpy import read_model_description
+
+from plant.errors import InputError
+from scenarios.archives import Allowance
+from scenarios.masters.trace import Task
+from scenarios.ssp_import import Package, is_package, open_package
+
+_OSP = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
+
+
+def read_task(file: Path, *, stop_time: float | None = None, step: float | None = None,
+              signals: Sequence[str] | None = None) -> Task:
+    """How to run an SSP, or an OspSystemStructure.xml; all Real outputs are recorded where no signals are named.
+
+    Raises InputError for a package without stop time or step where none is given.
+    """
+    own_stop, own_step, outputs = _from_ssp(file) if is_package(file.name) else _from_osp(file)
+    stop_time, step = stop_time or own_stop, step or own_step
+    if stop_time is None or step is None:
+        raise InputError("", "must have a stop time and a step", source=str(file))
+    return Task(file=file, step=step, steps=round(stop_time / step), components=tuple(outputs),
+                signals=tuple(signals) if signals is not None else tuple(
+                    f"{name}.{output}" for name, found in outputs.items() for output in found))
+
+
+def _from_ssp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
+    with private_folder() as folder:
+        package = open_package(file, folder / "package", Allowance())
+    return package.stop_time, package.step, {
+        name: [c.name for c in component.connectors.values() if c.kind == "output"]
+        for name, component in package.components.items()}
+
+
+def _from_osp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
+    root = ElementTree.parse(file).getroot()
+    outputs = {str(simulator.get("name")): [
+        v.name for v in read_model_description(str(file.parent / str(simulator.get("source")))).modelVariables
+        if v.causality == "output" and v.type == "Real"] for simulator in root.iter(f"{_OSP}Simulator")}
+    stop, step = (root.findtext(f"{_OSP}{key}") for key in ("EndTime", "BaseStepSize"))
+    return None if stop is None else float(stop), None if step is None else float(step), outputs
+
+
+@contextmanager
+def private_folder() -> Iterator[Path]:
+    """A folder that also takes what tools in this process write to temporary files; removed in the end."""
+    names = ("TMPDIR", "TEMP", "TMP")
+    before, tempdir = {name: os.environ.get(name) for name in names}, tempfile.tempdir
+    with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as folder:
+        tempfile.tempdir = folder
+        os.environ.update(dict.fromkeys(names, folder))
+        try:
+            yield Path(folder)
+        finally:
+            tempfile.tempdir = tempdir
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+
+
+def wires_by_pair(package: Package) -> dict[tuple[str, str], list[tuple[str, str]]]:
+    """Outputs and inputs that are connected, by source and target."""
+    pairs: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for wire in package.wires:
+        pairs.setdefault((wire.start[0], wire.end[0]), []).append((wire.start[1], wire.end[1]))
+    return pairs
