@@ -49,14 +49,18 @@ class Allowance:
         self.size -= total
         return entries
 
-    def extract(self, path: Path, folder: Path) -> Path:
-        """All entries below `folder`, which is made; InputError for an archive that breaks the rules or is damaged."""
+    def extract(self, path: Path, folder: Path, parts: tuple[str, ...] = ("",)) -> Path:
+        """All entries below `folder`, which is made; InputError for an archive that breaks the rules or is damaged.
+
+        Entries whose paths begin with none of `parts` are checked, and left where they are.
+        """
         entries = self.check(path)
         folder.mkdir(parents=True)
         try:
             with zipfile.ZipFile(path) as archive:
                 for entry in entries:
-                    _write(archive, entry, folder)
+                    if entry.filename.startswith(parts):
+                        _write(archive, entry, folder)
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, ValueError, RuntimeError,
                 MemoryError) as error:
             raise InputError("", f"cannot be extracted: {error}", source=str(path)) from None

@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from plant.archive import write_whole
 from scenarios.plots import Panel, Plot
@@ -72,6 +73,8 @@ def _fill(axis: Axes, panel: Panel, several: bool) -> None:
 
 
 def _style(axis: Axes) -> None:
+    for scale in (axis.xaxis, axis.yaxis):
+        scale.set_major_locator(MaxNLocator(5, steps=(1, 2, 2.5, 5, 10)))
     axis.grid(alpha=0.3, linewidth=0.5)
     axis.tick_params(labelsize=8)
     axis.margins(x=0)

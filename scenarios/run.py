@@ -30,6 +30,8 @@ from scenarios.schema import Scenario, find_scenario, first_comment, read_scenar
 from scenarios.settings import Settings
 from scenarios.stepping import NativeStepper, Stepper, Wiring, stepper_library
 
+_LOADED = ("modelDescription.xml", "binaries/", "resources/")   # what of an FMU a run needs
+
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
@@ -173,7 +175,7 @@ def _instance(name: str, file: Path, folder: Path, source: str, report: Callable
               allowance: Allowance) -> UnitInstance:
     """An instance of an FMU's file, extracted to a folder."""
     try:
-        allowance.extract(file, folder)
+        allowance.extract(file, folder, _LOADED)
         return UnitInstance(name, folder, read_model_description(str(folder), validate=False), report)
     except Exception as error:
         reason = " ".join((str(error).strip() or type(error).__name__).splitlines())
