@@ -163,7 +163,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(error, click.exceptions.NoArgsIsHelpError):
             click.echo(error.format_message())
             return 2
-        note(f"flexbeams: {error.format_message()} (see `flexbeams --help`)")
+        place = error.ctx.command_path if error.ctx else "flexbeams"
+        note(f"flexbeams: {error.format_message()} (see `{place} --help`)")
         return 2
     except click.ClickException as error:
         note(f"flexbeams: {error.format_message()}")

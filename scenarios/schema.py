@@ -217,6 +217,8 @@ def find_scenario(name: str) -> Path:
     shipped = scenario_files()
     if name in shipped:
         return shipped[name]
+    if Path(name).suffix.lower() == ".fmu":
+        raise InputError("scenario", "must be a scenario or an SSP package, which name FMUs", name)
     if Path(name).is_file():
         return Path(name)
     raise InputError("scenario", f"{name!r} is neither a file nor a shipped scenario" + suggestion(name, shipped))
