@@ -1,67 +1,64 @@
-"""A process beside a run that draws its figures: it imports the plotting library while the run steps."""
+"""A process beside a run that draws its figures: it imports the plotting library while the run steps.
 
-import multiprocessing
+`serve` is what that process does: plots come pickled on standard input, one byte on standard output ends them.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
 from collections.abc import Sequence
-from multiprocessing.connection import Connection
+from pathlib import Path
 from types import TracebackType
 
 from scenarios.interrupt import deaf_children
 from scenarios.plots import Plot
+
+_DONE = b"."
+_PROGRAM = "from scenarios.figure_process import serve; serve()"   # -P: no module of the present folder
 
 
 class FigureProcess:
     """Draws plots beside what the caller does; what it cannot draw is drawn by the caller."""
 
     def __init__(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._line, end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(end,), daemon=True)
+        paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
         with deaf_children():
-            self._process.start()
-        end.close()
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", _PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
         self._plots: Sequence[Plot] = ()
-        self._lost = False
 
     def __enter__(self) -> "FigureProcess":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        self._line.close()
-        self._process.terminate()
-        self._process.join()
+        self._process.kill()
+        self._process.communicate()
 
     def begin(self, plots: Sequence[Plot]) -> None:
-        """Hands the plots over and returns at once."""
+        """Hands the plots over."""
         self._plots = plots
+        assert self._process.stdin is not None
         try:
-            self._line.send(plots)
-        except OSError:
-            self._lost = True
+            pickle.dump(plots, self._process.stdin)
+            self._process.stdin.flush()
+        except OSError:   # it is lost; finish will see
+            pass
 
     def finish(self) -> None:
         """Waits for the files; errors as of writing them."""
-        try:
-            drawn = not self._lost and self._line.recv()
-        except (EOFError, OSError):
-            drawn = False
-        if not drawn:
+        assert self._process.stdout is not None
+        if self._process.stdout.read(1) != _DONE:
             from scenarios.figures import write_figures
 
             write_figures(self._plots)
 
 
-def _serve(line: Connection) -> None:
-    """Draws one list of plots, and tells whether it did."""
+def serve() -> None:
+    """Draws one list of plots."""
     from scenarios.figures import write_figures
 
-    try:
-        plots = line.recv()
-    except EOFError:
-        return
-    try:
-        write_figures(plots)
-    except OSError:
-        line.send(False)
-    else:
-        line.send(True)
+    write_figures(pickle.load(sys.stdin.buffer))
+    sys.stdout.buffer.write(_DONE)

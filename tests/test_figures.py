@@ -146,7 +146,7 @@ def test_drawn_beside_a_run(tmp_path: Path) -> None:
         beside.finish()
     with FigureProcess() as lost:
         lost._process.kill()
-        lost._process.join()
+        lost._process.wait()
         lost.begin(figure_plots(scenario(figure), recording(), third))
         lost.finish()
     for file in files:

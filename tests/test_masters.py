@@ -34,7 +34,7 @@ CYCLES = 4 * int(os.environ.get("FLEXBEAMS_CYCLES", "2"))   # 50 for the full me
 STOPS = {"tracking": 1.2, "disturbance": 1.1, "retarget": 1.7}   # s: into the motions
 WHOLE = {"tracking": 6.0, "disturbance": 12.0, "retarget": 6.0}
 TO_THE_END = next((name for name in ("libcosim", "Ecos") if installed_version(MASTERS[name])), "FMPy")   # a quick one
-OWN_LOADERS = ("FMPy", "libcosim", "Ecos")   # the others load units by FMPy
+OWN_LOADERS = ("FMPy", "libcosim", "Ecos", "FMUContainer")   # the others load units by FMPy
 STEP = 2e-4
 OUTPUTS = ("light.y_pi", "heavy.y_pi", "plant.y_pi", "plant.y_pm", "controller.u", "controller.y_est",
            "feedforward.u_ff", "feedforward.y_ref")
@@ -189,6 +189,18 @@ def test_what_a_master_cannot_load_is_an_error_here_and_no_crash(name: str, work
         rb'guid="[^"]*"', b'guid="{another}"', content) if inner == "modelDescription.xml" else content)
     with pytest.raises(MasterError, match=f"{name} ended with status 1, last said: .*(instantiate|refused|guid)"):
         run_master(name, stranger)   # which its unit refuses
+
+
+def test_a_container_takes_components_named_as_its_own_variables(works: Works, tmp_path: Path) -> None:
+    needed("FMUContainer")
+    package = tmp_path / "renamed.ssp"
+    with zipfile.ZipFile(works.package("constant")) as archive, zipfile.ZipFile(package, "w") as copy:
+        for name in archive.namelist():
+            copy.writestr(name, archive.read(name).replace(b'"source"', b'"signalsource"'))
+    trace = run_master("FMUContainer", package)
+    assert {"signalsource.u[1]", "plant.y_pi[1]"} <= set(trace.columns)
+    assert deviation(trace, works.run(package)) <= 1e-9
+    assert list(tmp_path.iterdir()) == [package]   # nothing is left beside it
 
 
 @pytest.mark.parametrize("name", MASTERS)
