@@ -1,0 +1,91 @@
+"""FMUContainer of fmu-manipulation-toolbox: makes an FMU of the SSP, whose C library steps units and then exchanges."""
+
+import logging
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+from fmpy import extract, read_model_description
+
+from plant.basis import Array
+from scenarios.instance import UnitFailure, UnitInstance
+from scenarios.masters.tasks import private_folder
+from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
+
+FAULTS = (
+    Fault(name="no outputs", what="The container of an SSP shows no output of its units. Those to record are added to "
+          "what was read, before the container is made."),
+    Fault(name="lost names", what="Components go by the names of their files. They are told apart by their order, "
+          "which is the package's."),
+    Fault(name="names twice", what="A connection is a local variable named after the file in small letters, which may "
+          "be a component's name too. Of two variables of a name the last is the output."),
+    Fault(name="deaf to the package", what="Parameter sets and the step of the package are ignored. Start values are "
+          "the units' own anyway; the step is handed over."),
+    Fault(name="units beside the package", what="The package is unpacked where it lies, and its units are then looked "
+          "for in the working folder. It is copied to a folder that is removed."),
+    Fault(name="no reason", what="Why a unit refuses a call is lost, messages arrive as an unfilled `%s`. That it "
+          "does so is noticed."),
+)
+
+
+class ContainerError(RuntimeError):
+    """A package cannot be made a container, or the container not be loaded."""
+
+
+def simulate(task: Task) -> Trace:
+    """Runs an SSP; recording takes a call a step."""
+    from fmu_manipulation_toolbox import assembly  # noqa: F401  (not part of the loading)
+
+    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)   # it raises what matters
+    begin = time.perf_counter()
+    with private_folder() as folder, _loaded(_container(task, folder), folder / "container") as unit:
+        row = np.zeros(len(task.signals))
+        unit.connect(list(task.signals), row, [])
+        unit.call("setupExperiment", None, 0.0)
+        unit.call("enterInitializationMode")
+        unit.call("exitInitializationMode")
+        values: Array = np.zeros((task.steps + 1 if task.signals else 1, len(task.signals)))
+        loaded = time.perf_counter()
+        unit.read()
+        values[0] = row
+        for k in range(task.steps):
+            unit.step(k * task.step, task.step)
+            if task.signals:
+                unit.read()
+                values[k + 1] = row
+        done = time.perf_counter()
+    return Trace(time=step_times(task.step, 0, len(values)), columns=list(task.signals), values=values,
+                 loading=loaded - begin, stepping=done - loaded)
+
+
+def _container(task: Task, folder: Path) -> Path:
+    """The package as one FMU in `folder`, its outputs named as the signals."""
+    from fmu_manipulation_toolbox.assembly import Assembly, AssemblyError
+    from fmu_manipulation_toolbox.container import FMUContainerError
+    from fmu_manipulation_toolbox.operations import FMUError
+
+    shutil.copyfile(task.file, folder / "package.ssp")
+    try:
+        assembly = Assembly("package.ssp", fmu_directory=folder, default_step_size=task.step, default_mt=False)
+        units = dict(zip(task.components, assembly.root.fmu_names_list, strict=True))
+        for signal in task.signals:
+            component, _, variable = signal.partition(".")
+            assembly.root.add_output(units[component], variable, signal)
+        assembly.make_fmu()
+    except (AssemblyError, FMUContainerError, FMUError) as error:
+        raise ContainerError(f"{task.file.name} cannot be made a container: {error.reason}") from None
+    return folder / "package.fmu"
+
+
+def _loaded(file: Path, folder: Path) -> UnitInstance:
+    extract(str(file), str(folder))
+    description = read_model_description(str(folder), validate=False)   # which refuses names that are there twice
+    try:
+        return UnitInstance("container", folder, description, lambda text: None)
+    except UnitFailure:
+        raise ContainerError("a unit of the container refused to be loaded or to instantiate") from None
+
+
+MASTER = Master(name="FMUContainer", distribution="fmu-manipulation-toolbox", module="fmu_manipulation_toolbox",
+                coupling="jacobi", late=False, faults=FAULTS, simulate=simulate)
