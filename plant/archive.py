@@ -35,7 +35,12 @@ def zip_bytes(entries: Mapping[str, bytes]) -> bytes:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Writes a file under a temporary name in its folder, then renames: readers never see a part of it."""
+    """Writes a file under a temporary name in its folder, then renames: readers never see a part of it.
+
+    InputError where something other than a file has the name, a device perhaps.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError("", "must be a file, or not be there yet", source=str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

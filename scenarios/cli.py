@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -151,6 +152,7 @@ def _take_any_text() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status; errors that a user can mend take one line."""
     _take_any_text()
+    os.environ["MPLBACKEND"] = "agg"   # figures go to files, whatever the user draws with
     try:
         status = commands.main(args=None if argv is None else list(argv), prog_name="flexbeams", standalone_mode=False)
         return status if isinstance(status, int) else 0

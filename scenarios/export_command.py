@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from scenarios.options import BASES, COUPLINGS, compiler_option, note
+from scenarios.options import BASES, COUPLINGS, POSITIVE, compiler_option, note
 from scenarios.run_command import assignment
 
 # Format: function that writes it, suffix of its file or folder
@@ -36,8 +36,8 @@ KINDS = {
 @click.option("--structure", metavar="FILE", help="Override the scenario's structure.")
 @click.option("--set", "values", multiple=True, callback=assignment, metavar="UNIT.VARIABLE=VALUE",
               help="Set a start value or parameter, as for `flexbeams run`; it is built into the unit. Repeatable.")
-@click.option("--stop-time", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Simulated time in s.")
-@click.option("--step", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Communication step in s.")
+@click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s.")
+@click.option("--step", type=POSITIVE, metavar="S", help="Communication step in s.")
 def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:
     """Write a scenario for other tools: the closed loop, complete in one file or folder."""
     from scenarios.settings import Settings
@@ -45,8 +45,10 @@ def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...
     place, suffix = KINDS[kind]
     module, _, function = place.partition(":")
     file = out or Path(f"{Path(scenario).stem}{suffix}")
-    if suffix.startswith(".") and file.is_dir():
-        raise click.BadParameter("must be a file, not a folder", param_hint="--out")
+    if suffix.startswith(".") and file.exists() and not file.is_file():
+        raise click.BadParameter("must be a file, or not be there yet", param_hint="--out")
+    if kind == "ospsystem" and not file.name:
+        raise click.BadParameter("must be a folder, or FILE.zip", param_hint="--out")
     write = getattr(import_module(module), function)
     click.echo(write(scenario, file, Settings(frames=False, **options), platforms, note))
     return 0

@@ -114,7 +114,7 @@ def read_trial(folder: Path, description: Any, experiment: Declared) -> Trial:
     times = start + step * np.arange(round(float(ticks[-1])) + 1.0)
     return Trial(
         start=start, step=step, ticks=np.round(ticks).astype(int).tolist(), names=names,
-        tolerance=_number(experiment.tolerance, "tolerance") if experiment.tolerance else UNSTATED,
+        tolerance=_tolerance(experiment.tolerance),
         parameters=_parameters(folder, experiment, variables),
         expected=references.values[:, [references.columns.index(n) for n in names]], inputs=inputs,
         driven=np.zeros((len(times), 0)) if stimuli is None else values_at(stimuli, times, step, variables))
@@ -189,13 +189,28 @@ def _document(folder: Path, where: str) -> Any:
 
 def _member(folder: Path, base: str, source: str) -> str:
     """Path inside the unit of a file that is named relative to another one; nothing else is opened."""
-    parts = urlsplit(source)
+    try:
+        parts = urlsplit(source)
+    except ValueError as error:
+        raise InputError(source, f"must be a path inside the unit: {error}") from None
     where = posixpath.normpath(posixpath.join(posixpath.dirname(base), unquote(parts.path)))
     if parts.scheme or parts.netloc or where.startswith(("..", "/")) or "\\" in where or "\0" in where:
         raise InputError(source, "must be a path inside the unit")
-    if not (folder / where).is_file():
-        raise InputError(source, "must be a file in the unit")
+    try:
+        found = (folder / where).is_file()
+    except OSError:   # a name that no system takes
+        found = False
+    if not found:
+        raise InputError("source", "must be a file in the unit", source[:80])
     return where
+
+
+def _tolerance(text: str | None) -> float:
+    """Relative; above 1 it would say nothing."""
+    value = _number(text, "tolerance") if text else UNSTATED
+    if not 0 < value <= 1:
+        raise InputError("tolerance", "must be > 0 and <= 1", value)
+    return value
 
 
 def _number(text: str, key: str) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from plant.errors import InputError
-from scenarios.options import BACKENDS, BASES, COUPLINGS, compiler_option, note
+from scenarios.options import BACKENDS, BASES, COUPLINGS, POSITIVE, compiler_option, note
 
 FORMATS = ("csv", "parquet", "mat")
 
@@ -54,8 +54,8 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option("--set", "values", multiple=True, callback=assignment, metavar="UNIT.VARIABLE=VALUE",
               help="Set a start value or parameter: plant.beam[1].tip_mass=0.03, plant.beam[].tip_mass=0.03 for all, "
                    "plant.u=100,0,0,0 for an array. Repeatable.")
-@click.option("--stop-time", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Simulated time in s.")
-@click.option("--step", type=click.FloatRange(min=0, min_open=True), metavar="S",
+@click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s.")
+@click.option("--step", type=POSITIVE, metavar="S",
               help="Communication step in s; by default the scenario's, or the package's.")
 @click.option("--decimate", type=click.IntRange(min=1), default=1, metavar="N",
               help="Record every N-th step (and the last); checks are measured on these.")
@@ -67,7 +67,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
               help="Folder of the results; with several scenarios a folder for each inside it. "
                    "[default: results/<scenario>]")
 @click.option("--real-time", is_flag=True, help="Pace the run to the wall clock (native units); lateness is reported.")
-@click.option("--real-time-factor", "speed", type=click.FloatRange(min=0, min_open=True), metavar="F",
+@click.option("--real-time-factor", "speed", type=POSITIVE, metavar="F",
               help="Simulated seconds for each second of the wall clock: 0.1 is slow motion. Implies --real-time.")
 @click.option("--no-figures", is_flag=True, help="Write no figures.")
 @click.option("--no-report", is_flag=True, help="Write no report.html.")
@@ -127,18 +127,17 @@ def run(scenarios: tuple[str, ...], formats: Any, jobs: int | None, out: Path | 
 
 @contextmanager
 def _folders(folders: Sequence[Path]) -> Iterator[None]:
-    """Makes folders for results, so that a run is not lost for want of one; where it fails, empty new ones go."""
+    """Makes folders for results, so that a run is not lost for want of one; in the end, new ones that are empty go."""
     made: list[Path] = []
     try:
         for folder in folders:
             made += [f for f in (*reversed(folder.parents), folder) if not f.exists()]
             _require_folder(folder)
         yield
-    except BaseException:
+    finally:
         for folder in reversed(made):
             with suppress(OSError):
                 folder.rmdir()
-        raise
 
 
 def _require_folder(folder: Path) -> None:

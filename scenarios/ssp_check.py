@@ -1,6 +1,7 @@
 """Does a package fit its units: connectors resolved, units consistent, start values those of the FMUs?"""
 
 import tempfile
+import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,9 @@ def unit_problems(file: Path) -> list[str]:
     """What breaks the rules of FMI in an FMU of any version, a line each."""
     try:
         Allowance().check(file)
+        with zipfile.ZipFile(file) as archive:
+            if damaged := archive.testzip():
+                return [f"{damaged} is damaged, its checksum does not fit"]
         return [" ".join(str(problem).split()) for problem in validate_fmu(str(file))]
     except InputError as error:
         return [str(error).removeprefix(f"{file}: ")]

@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import os
 import re
 import sys
@@ -10,6 +11,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -293,3 +295,21 @@ def test_the_verb_lists_masters(at_run_folder: Path, monkeypatch: pytest.MonkeyP
     shown = capsys.readouterr().out
     for text in ("runner", here, f"not installed, or failed: {away}", "x runner"):
         assert text in shown
+
+
+@pytest.mark.parametrize(("settings", "rule"), [
+    ({"stop_time": -1.0}, "stop_time must be a whole number of steps"),
+    ({"stop_time": math.nan}, "stop_time must be a whole number of steps"),
+    ({"stop_time": 0.01, "step": 3e-3}, "stop_time must be a whole number of steps of 0.003 s"),
+    ({"step": math.inf}, "step must be finite and > 0"),
+    ({"signals": ["plant.energy"]}, "signals must be Real outputs of the package")])
+def test_what_no_master_is_asked_for(works: Works, settings: dict[str, Any], rule: str) -> None:
+    with pytest.raises(InputError, match=re.escape(rule)):
+        read_task(works.package("constant"), **settings)
+
+
+def test_files_that_are_no_packages(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("no XML")
+    for file in (tmp_path, tmp_path / "absent.xml", tmp_path / "text"):
+        with pytest.raises(InputError, match=r"must be an SSP package or OspSystemStructure\.xml"):
+            read_task(file)

@@ -98,4 +98,4 @@ def test_folder_and_archive_hold_the_same(tmp_path: Path, write_scenario: Callab
     assert main([*arguments, str(taken)]) == 2
     assert "--out must be a folder, or FILE.zip, got" in capsys.readouterr().err
     assert main(["export", "tracking", "-o", str(tmp_path)]) == 2
-    assert "must be a file, not a folder" in capsys.readouterr().err
+    assert "must be a file, or not be there yet" in capsys.readouterr().err

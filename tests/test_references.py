@@ -305,7 +305,7 @@ def test_validate_finds_a_tampered_reference(tmp_path: Path, capsys: pytest.Capt
     (lambda name, content: None if name.startswith("binaries/") else content,
      "reference swinging is not checked: unit failed at 0 s in loading its library: "),
     (lambda name, content: None if name.endswith("swinging-ref.csv") else content,
-     "reference swinging is not checked: swinging-ref.csv must be a file in the unit"),
+     "reference swinging is not checked: source must be a file in the unit, got 'swinging-ref.csv'"),
     (lambda name, content: b"<fmiReferences" if name == MANIFEST else content,
      f"references are not checked: {MANIFEST}: is not well-formed XML"),
     (lambda name, content: b"<fmiOther/>" if name == MANIFEST else content,

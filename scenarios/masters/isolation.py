@@ -55,7 +55,7 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
                    "tasks": [{**asdict(task), "file": str(task.file.resolve())} for task in tasks]}
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
         paths = [str(Path(scenarios.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-        done = subprocess.run([sys.executable, "-m", "scenarios.masters.isolation"], input=json.dumps(request),
+        done = subprocess.run([sys.executable, "-P", "-m", "scenarios.masters.isolation"], input=json.dumps(request),
                               text=True, capture_output=True, check=False,
                               env={**os.environ, **temporary, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
         result = Path(folder) / "result.json"

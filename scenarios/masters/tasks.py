@@ -1,5 +1,6 @@
 """How a package wants to be run, and a folder for what tools leave behind."""
 
+import math
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -9,7 +10,7 @@ from xml.etree import ElementTree
 
 from fmpy import read_model_description
 
-from plant.errors import InputError
+from plant.errors import InputError, suggestion
 from scenarios.archives import Allowance
 from scenarios.masters.trace import Task
 from scenarios.ssp_import import Package, is_package, open_package
@@ -21,15 +22,26 @@ def read_task(file: Path, *, stop_time: float | None = None, step: float | None 
               signals: Sequence[str] | None = None) -> Task:
     """How to run an SSP, or an OspSystemStructure.xml; all Real outputs are recorded where no signals are named.
 
-    Raises InputError for a package without stop time or step where none is given.
+    Raises InputError for what is no such file, for a package without stop time or step where none is given, for a stop
+    time that is not a positive multiple of the step, and for signals that are no Real outputs.
     """
     own_stop, own_step, outputs = _from_ssp(file) if is_package(file.name) else _from_osp(file)
-    stop_time, step = stop_time or own_stop, step or own_step
+    stop_time, step = own_stop if stop_time is None else stop_time, own_step if step is None else step
     if stop_time is None or step is None:
         raise InputError("", "must have a stop time and a step", source=str(file))
+    if not (math.isfinite(step) and step > 0):
+        raise InputError("step", "must be finite and > 0", step, source=str(file))
+    if not (math.isfinite(stop_time) and abs(stop_time / step - round(stop_time / step)) < 1e-6
+            and round(stop_time / step) > 0):
+        raise InputError("stop_time", f"must be a whole number of steps of {step:g} s, at least one", stop_time,
+                         source=str(file))
+    known = tuple(f"{name}.{output}" for name, found in outputs.items() for output in found)
+    for signal in signals or ():
+        if signal not in known:
+            raise InputError("signals", f"must be Real outputs of the package{suggestion(signal, known)}", signal,
+                             source=str(file))
     return Task(file=file, step=step, steps=round(stop_time / step), components=tuple(outputs),
-                signals=tuple(signals) if signals is not None else tuple(
-                    f"{name}.{output}" for name, found in outputs.items() for output in found))
+                signals=known if signals is None else tuple(signals))
 
 
 def _from_ssp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
@@ -41,7 +53,10 @@ def _from_ssp(file: Path) -> tuple[float | None, float | None, dict[str, list[st
 
 
 def _from_osp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
-    root = ElementTree.parse(file).getroot()
+    try:
+        root = ElementTree.parse(file).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise InputError("", f"must be an SSP package or OspSystemStructure.xml: {error}", source=str(file)) from None
     outputs = {str(simulator.get("name")): [
         v.name for v in read_model_description(str(file.parent / str(simulator.get("source")))).modelVariables
         if v.causality == "output" and v.type == "Real"] for simulator in root.iter(f"{_OSP}Simulator")}
