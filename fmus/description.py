@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 from fmus.units import BASE_UNITS
 from fmus.variables import Interface, Variable
+from fmus.xml_documents import xml_bytes
 
 author = "flexbeams contributors"
 log_categories = {
@@ -76,9 +77,7 @@ def model_description(
     for reference, variable in enumerate(interface):
         _add_variable(variables, reference, variable)
     _add_structure(root, interface)
-    ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+    return xml_bytes(root)
 
 
 def content_guid(*contents: bytes) -> str:

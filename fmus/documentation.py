@@ -141,6 +141,11 @@ def documentation_page(interface: Interface, picture: bytes, chapter: Chapter | 
         "<p>Paper: A. Kater, T. Meurer, Motion planning and tracking control for coupled flexible beam structures, "
         "Control Engineering Practice 84 (2019). Licence: <code>documentation/licenses/LICENSE</code>.</p>",
     ]
+    return html_page(title, parts)
+
+
+def html_page(title: str, parts: Iterable[str]) -> str:
+    """A page of the units' style from pieces of HTML, of which empty ones are left out."""
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{title}</title>'
             f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(filter(None, parts)) + "\n</body>\n</html>\n")
 

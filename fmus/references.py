@@ -5,13 +5,13 @@ together. Neither standard defines their CSV files: these have the time (s) firs
 cross-check rules demand, and two rows of one time where an input jumps, as the Reference FMUs have it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from xml.etree import ElementTree
 
 from controller.design import Design
 from fmus.experiments import Experiment, Series, experiments
-from fmus.units import BASE_UNITS
 from fmus.variables import Interface
+from fmus.xml_documents import Entry, parameter_set, xml_bytes
 from plant.galerkin import BeamModel
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
@@ -20,7 +20,6 @@ NOTES = "documentation/fmi-ls-ref.txt"
 EXPERIMENTS, EXPERIMENTS_TYPE = "experiments.exp", "application/x-ma-hs-experiments"
 SET_TYPE = "application/x-ssp-parameter-set"
 TOLERANCE = 1e-9   # relative to the largest magnitude of an array
-_SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 
 _NOTES = """Reference results of {unit}
 
@@ -54,7 +53,7 @@ def reference_files(interface: Interface, found: list[Experiment]) -> dict[str, 
     related = [(EXPERIMENTS_TYPE, EXPERIMENTS, "experiment/smoke-test", f"Experiments with {interface.unit_name}")]
     for e in found:
         if e.parameters:
-            files[f"{e.name}.ssv"] = parameter_set(interface, e.name, e.parameters)
+            files[f"{e.name}.ssv"] = parameter_set(e.name, _entries(interface, e.parameters))
             related.append((SET_TYPE, f"{e.name}.ssv", "parameter", f"Parameters: {e.description}"))
         if e.stimuli is not None and (name := _stimuli_file(e, found)) not in files:
             files[name] = table(e.stimuli)
@@ -82,25 +81,10 @@ def table(series: Series) -> bytes:
     return ("\n".join([header, *rows]) + "\n").encode()
 
 
-def parameter_set(interface: Interface, name: str, values: Mapping[str, float | bool]) -> bytes:
-    """A parameter set (SSV) of SSP 1.0."""
-    root = ElementTree.Element("ssv:ParameterSet", {
-        "xmlns:ssv": f"{_SSP}ParameterValues", "xmlns:ssc": f"{_SSP}Common", "version": "1.0", "name": name,
-        "generationTool": "flexbeams"})
-    parameters = ElementTree.SubElement(root, "ssv:Parameters")
-    used = set()
-    for variable, value in values.items():
-        kind, unit = interface[variable].type, interface[variable].unit
-        text = str(value).lower() if kind == "Boolean" else repr(value)
-        parameter = ElementTree.SubElement(parameters, "ssv:Parameter", name=variable)
-        ElementTree.SubElement(parameter, f"ssv:{kind}", {"value": text, **({"unit": unit} if unit else {})})
-        used.add(unit)
-    units = ElementTree.SubElement(root, "ssv:Units")
-    for unit, powers in BASE_UNITS.items():
-        if unit in used:
-            element = ElementTree.SubElement(units, "ssc:Unit", name=unit)
-            ElementTree.SubElement(element, "ssc:BaseUnit", {base: str(power) for base, power in powers.items()})
-    return _document(root)
+def _entries(interface: Interface, values: Mapping[str, float | bool]) -> Iterator[Entry]:
+    for name, value in values.items():
+        kind = interface[name].type
+        yield name, kind, str(value).lower() if kind == "Boolean" else repr(value), interface[name].unit
 
 
 def _manifest(related: Iterable[tuple[str, str, str, str]]) -> bytes:
@@ -110,7 +94,7 @@ def _manifest(related: Iterable[tuple[str, str, str, str]]) -> bytes:
         "fmi-ls:fmi-ls-description": "Layered Standard providing information on related files included in an FMU."})
     for kind, source, role, description in related:
         ElementTree.SubElement(root, "Related", type=kind, source=source, role=role, description=description)
-    return _document(root)
+    return xml_bytes(root)
 
 
 def _experiments(interface: Interface, found: list[Experiment]) -> bytes:
@@ -126,9 +110,5 @@ def _experiments(interface: Interface, found: list[Experiment]) -> bytes:
         if e.stimuli is not None:
             ElementTree.SubElement(element, "Stimuli", type="text/csv", source=_stimuli_file(e, found))
         ElementTree.SubElement(element, "References", type="text/csv", source=f"{e.name}-ref.csv")
-    return _document(root)
+    return xml_bytes(root)
 
-
-def _document(root: ElementTree.Element) -> bytes:
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'.encode()

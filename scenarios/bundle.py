@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from fmus.build import native_unit
 from fmus.errors import InterfaceError
@@ -71,12 +70,6 @@ def parameters_of(unit: Any) -> list[Any]:
     return [v for v in unit.modelVariables if v.causality == "parameter" and v.type in ("Real", "Integer", "Boolean")]
 
 
-def xml_bytes(root: ElementTree.Element) -> bytes:
-    """A document as a package holds it."""
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'.encode()
-
-
 def _given(path: Path, instance: str, fmu: str, draft: Draft) -> Path:
     """An FMU that the scenario brings along; start values cannot be built into it."""
     if draft.starts[instance]:
@@ -101,10 +94,8 @@ def _source_name(scenario: Scenario) -> str:
 
 def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[NativeUnit, dict[str, str]]:
     """The unit of the external signals, and its output by <instance>.<input>."""
-    outputs = set(draft.plan.sources.values())
-    connected = {f"{n}.{i}" for n, inputs in draft.plan.inputs.items() for i, place in inputs if place in outputs}
     signals, driven = source_signals(scenario, path.parent, {n: i.variables for n, i in draft.instances.items()},
-                                     draft.starts, connected)
+                                     draft.starts, set(draft.plan.links()))
     try:
         interface = signal_source(signals, draft.step, scenario.stop_time)
     except InterfaceError as error:   # inputs of others whose names cannot be those of outputs
@@ -115,14 +106,12 @@ def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[Na
 
 def _connections(draft: Draft, driven: Mapping[str, str], source: str) -> list[tuple[str, str, str, str]]:
     """By component and connector, in the order of the inputs."""
-    origins = {place: name for name, place in draft.plan.sources.items()}
-    found = []
+    links, found = draft.plan.links(), []
     for instance, declared in draft.instances.items():
-        places = dict(draft.plan.inputs[instance])
         for name in (n for n, v in declared.variables.items() if v.causality == "input"):
             if f"{instance}.{name}" in driven:
                 found.append((source, driven[f"{instance}.{name}"], instance, name))
-            elif name in places:
-                start, _, output = origins[places[name]].partition(".")
+            elif f"{instance}.{name}" in links:
+                start, _, output = links[f"{instance}.{name}"].partition(".")
                 found.append((start, output, instance, name))
     return found

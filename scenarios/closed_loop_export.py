@@ -10,7 +10,7 @@ from fmus.errors import InterfaceError
 from fmus.interface import interface_of
 from fmus.native_backend import build_native_units
 from plant.errors import InputError
-from scenarios.draft import Draft, draft_run
+from scenarios.draft import draft_run
 from scenarios.run import prepare
 from scenarios.schema import Scenario, find_scenario
 from scenarios.settings import Settings
@@ -34,7 +34,7 @@ def export_closed_loop(name: str, out: Path, settings: Settings, platforms: Sequ
         interface = interface_of(str(declared.unit), design, draft.models[instance])
         data, meta = unit_data(interface, design, draft.models[instance])
         parts.append(Part(name=instance, interface=interface.with_starts(draft.starts[instance]), data=data, meta=meta))
-    wires = _wires(draft)
+    wires = [Wire(source=source, to=to) for to, source in draft.plan.links().items()]
     listed = ", ".join(f"{part.name} ({part.unit})" for part in parts)
     try:
         interface = closed_loop_interface(parts, wires, draft.step, scenario.stop_time,
@@ -56,10 +56,3 @@ def _check(scenario: Scenario, source: str) -> None:
         if len(name) > LONGEST_NAME or not name.isascii():
             raise InputError(f"instance.{name}", f"must have at most {LONGEST_NAME} letters, digits and underscores of "
                              "ASCII in a closed loop", name, source=source)
-
-
-def _wires(draft: Draft) -> list[Wire]:
-    """The connections, element by element."""
-    origins = {place: name for name, place in draft.plan.sources.items()}
-    return [Wire(source=origins[place], to=f"{instance}.{name}") for instance, inputs in draft.plan.inputs.items()
-            for name, place in inputs if place in origins]

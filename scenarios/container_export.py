@@ -19,10 +19,11 @@ from xml.etree import ElementTree
 from fmus.closed_loop_page import Block, loop_picture
 from fmus.compilers import Platform, chosen_platforms
 from fmus.description import content_guid, model_description
-from fmus.documentation import table
+from fmus.documentation import html_page, table
 from fmus.errors import BuildError, InterfaceError
 from fmus.picture import signals
 from fmus.variables import Interface, Variable, time_variable
+from fmus.xml_documents import xml_bytes
 from plant.archive import write_whole, zip_bytes
 from plant.errors import InputError
 from scenarios.container_parts import FOLDERS, Part, build_parts
@@ -35,8 +36,6 @@ PACKAGE = "fmu-manipulation-toolbox"
 OLDEST = 2   # its version
 _INNER_BINARY = re.compile(r"(resources/[0-9a-f]+/binaries)/([^/]+)/(.+)")
 _INDEX = re.compile(r"\[[\d,]+\]$")
-_STYLE = ("body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto } "
-          "th, td { padding: 0.2rem 0.8rem; text-align: left }")
 _CATEGORIES = {"Info": "What the container reads, loads and takes over", "Error": "Warnings and errors"}
 
 
@@ -52,7 +51,7 @@ def export_container(name: str, out: Path, settings: Settings, platforms: Sequen
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
     scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
-    links = _links(draft)
+    links = draft.plan.links()
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
         folder = Path(temporary) / "units"
         folder.mkdir()
@@ -91,13 +90,6 @@ def _tool_version() -> str:
         raise BuildError(f"containers need {PACKAGE} {OLDEST}.0 or newer{f', {found} is installed' if found else ''}: "
                          f"pip install '{PACKAGE}>={OLDEST}.0', or choose --format closed-loop")
     return found
-
-
-def _links(draft: Draft) -> dict[str, str]:
-    """<instance>.<output> by <instance>.<input>."""
-    origins = {place: name for name, place in draft.plan.sources.items()}
-    return {f"{instance}.{name}": origins[place] for instance, inputs in draft.plan.inputs.items()
-            for name, place in inputs if place in origins}
 
 
 def _interface(path: Path, scenario: Scenario, parts: Mapping[str, Part], links: Mapping[str, str],
@@ -194,8 +186,7 @@ def _description(interface: Interface, references: Mapping[str, str], parts: Map
     if any(part.description is not None for part in parts.values()):   # nobody knows what their outputs depend on
         for unknown in root.iterfind("ModelStructure/*/Unknown"):
             unknown.attrib.pop("dependencies", None)
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'.encode()
+    return xml_bytes(root)
 
 
 def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[str, str]) -> dict[str, bytes]:
@@ -205,9 +196,7 @@ def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[s
     licence = distribution(PACKAGE).read_text("licenses/LICENSE.txt") or ""
     ours = Path(__file__).parent.parent / "fmus/native/LICENSE"
     title = escape(interface.unit_name)
-    page = "\n".join([
-        "<!DOCTYPE html>", f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        f"<style>{_STYLE}</style></head><body>",
+    page = html_page(title, [
         f"<h1>{title}</h1>", f"<p>{escape(interface.description)}.</p>",
         f'<p><img src="../model.png" alt="{title} with its units and signals"></p>',
         table(("unit", "kind", "folder"), [(n, part.unit, f"resources/{k:02x}")
@@ -216,8 +205,7 @@ def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[s
         f"<p>Variables are named &lt;unit&gt;.&lt;variable&gt;. The host's steps should be multiples of "
         f"{interface.step_size:g} s: inputs are held meanwhile, and the results at those times do not depend on the "
         "step. In between, outputs stay those of the last inner step.</p>",
-        "<p>The units are complete FMUs with sources and documentation. State cannot be saved and restored.</p>",
-        "</body></html>", ""])
+        "<p>The units are complete FMUs with sources and documentation. State cannot be saved and restored.</p>"])
     return {"model.png": picture, "documentation/index.html": page.encode(),
             "documentation/licenses/LICENSE": ours.read_bytes(),
             "documentation/licenses/FMUContainer": licence.encode()}

@@ -54,6 +54,12 @@ class Plan:
     recorded: list[int] = field(default_factory=list)
     frames: FramePlan | None = None
 
+    def links(self) -> dict[str, str]:
+        """<instance>.<output> by the <instance>.<input> that takes its value, in the order of the inputs."""
+        origins = {place: name for name, place in self.sources.items()}
+        return {f"{instance}.{name}": origins[place] for instance, inputs in self.inputs.items()
+                for name, place in inputs if place in origins}
+
 
 class Planner:
     """Builds a Plan from a scenario and what its instances declare; InputError names file, key and value.

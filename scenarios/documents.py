@@ -8,10 +8,9 @@ from typing import Any
 import fmpy
 from lxml import etree
 
+from fmus.xml_documents import SSD, SSV
 from plant.errors import InputError
 
-SSP = "http://ssp-standard.org/SSP1/SystemStructure"
-SSC, SSD, SSV = f"{SSP}Common", f"{SSP}Description", f"{SSP}ParameterValues"
 _SCHEMAS = {SSD: "SystemStructureDescription.xsd", SSV: "SystemStructureParameterValues.xsd"}
 
 

@@ -3,30 +3,28 @@
 `serve` is what that process does: plots come pickled on standard input, one byte on standard output ends them.
 """
 
-import os
 import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from types import TracebackType
 
+from scenarios.child_process import python_command, python_environment
 from scenarios.interrupt import deaf_children
 from scenarios.plots import Plot
 
 _DONE = b"."
-_PROGRAM = "from scenarios.figure_process import serve; serve()"   # -P: no module of the present folder
+_PROGRAM = "from scenarios.figure_process import serve; serve()"
 
 
 class FigureProcess:
     """Draws plots beside what the caller does; what it cannot draw is drawn by the caller."""
 
     def __init__(self) -> None:
-        paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
         with deaf_children():
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
+            self._process = subprocess.Popen(python_command("-c", _PROGRAM), stdin=subprocess.PIPE,
+                                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                                             env=python_environment())
         self._plots: Sequence[Plot] = ()
 
     def __enter__(self) -> "FigureProcess":

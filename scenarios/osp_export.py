@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from fmus.xml_documents import xml_bytes
 from plant.archive import write_whole, zip_bytes
 from plant.errors import InputError
-from scenarios.bundle import Bundle, build_bundle, parameters_of, xml_bytes
+from scenarios.bundle import Bundle, build_bundle, parameters_of
 from scenarios.settings import Settings
 
 OSP = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"

@@ -10,9 +10,10 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 
 from fmus.references import EXPERIMENTS_TYPE, FOLDER, MANIFEST, SET_TYPE
+from fmus.xml_documents import SSV
 from plant.basis import Array
 from plant.errors import InputError, suggestion
-from scenarios.documents import SSV, read_document, schema_problems
+from scenarios.documents import read_document, schema_problems
 from scenarios.instance import READ_ORDER
 from scenarios.time_table import TimeTable, read_time_table
 

@@ -1,16 +1,15 @@
 """A scenario as an SSP 1.0 package that needs nothing else: units, connections, signals, start values, placement."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from fmus.units import BASE_UNITS
+from fmus.xml_documents import SSC, SSD, SSV, add_units, parameter_set, unit_attribute, xml_bytes
 from plant.archive import write_whole, zip_bytes
-from scenarios.bundle import Bundle, build_bundle, parameters_of, xml_bytes
+from scenarios.bundle import Bundle, build_bundle, parameters_of
 from scenarios.diagram import Diagram, arrange
-from scenarios.documents import SSC, SSD, SSV
 from scenarios.settings import Settings
 
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -33,7 +32,8 @@ def package_documents(bundle: Bundle) -> dict[str, bytes]:
     documents = {"SystemStructure.ssd": structure_document(bundle)}
     for name, unit in bundle.units.items():
         if parameters := parameters_of(unit):
-            documents[_set_path(name)] = _parameter_document(name, parameters)
+            documents[_set_path(name)] = parameter_set(
+                name, [(v.name, v.type, v.start, v.unit) for v in parameters])
     return documents
 
 
@@ -65,7 +65,7 @@ def structure_document(bundle: Bundle) -> bytes:
     information = ElementTree.SubElement(master, "oms:SimulationInformation")
     ElementTree.SubElement(information, "oms:FixedStepMaster", description="oms-ma", stepSize=repr(bundle.step),
                            absoluteTolerance="0.0001", relativeTolerance="0.0001")
-    _add_units(root, {v.unit for both in ports.values() for part in both for v in part}, "ssd:Units")
+    add_units(root, {v.unit for both in ports.values() for part in both for v in part}, "ssd:Units")
     experiment = ElementTree.SubElement(root, "ssd:DefaultExperiment", startTime="0.0",
                                         stopTime=repr(float(bundle.stop_time)))
     algorithm = _annotated(experiment, "com.opensimulationplatform", "osp:Algorithm")
@@ -91,7 +91,7 @@ def _add_component(elements: ElementTree.Element, bundle: Bundle, name: str, uni
         for variable in (*ports[0], *ports[1]):
             connector = ElementTree.SubElement(connectors, "ssd:Connector", name=variable.name,
                                                kind=variable.causality)
-            ElementTree.SubElement(connector, "ssc:Real", _unit(variable))
+            ElementTree.SubElement(connector, "ssc:Real", unit_attribute(variable.unit))
             x, y = block.connectors[variable.name]
             ElementTree.SubElement(connector, "ssd:ConnectorGeometry", x=repr(x), y=f"{y:.6g}")
     ElementTree.SubElement(component, "ssd:ElementGeometry", _corners(block.corners))
@@ -107,31 +107,6 @@ def _fmu_path(file: Path) -> str:
 
 def _set_path(component: str) -> str:
     return f"resources/{component}.ssv"
-
-
-def _parameter_document(name: str, parameters: list[Any]) -> bytes:
-    root = ElementTree.Element("ssv:ParameterSet", {
-        "xmlns:ssv": SSV, "xmlns:ssc": SSC, "version": "1.0", "name": name, "generationTool": "flexbeams"})
-    table = ElementTree.SubElement(root, "ssv:Parameters")
-    for variable in parameters:
-        parameter = ElementTree.SubElement(table, "ssv:Parameter", name=variable.name)
-        ElementTree.SubElement(parameter, f"ssv:{variable.type}", {"value": variable.start, **_unit(variable)})
-    _add_units(root, {v.unit for v in parameters}, "ssv:Units")
-    return xml_bytes(root)
-
-
-def _unit(variable: Any) -> dict[str, str]:
-    """The attribute of a connector or parameter; none for a unit that is not defined here."""
-    return {"unit": variable.unit} if variable.unit in BASE_UNITS else {}
-
-
-def _add_units(root: ElementTree.Element, used: Iterable[str | None], tag: str) -> None:
-    known = [name for name in BASE_UNITS if name in set(used)]
-    if known:
-        units = ElementTree.SubElement(root, tag)
-        for name in known:
-            unit = ElementTree.SubElement(units, "ssc:Unit", name=name)
-            ElementTree.SubElement(unit, "ssc:BaseUnit", {b: str(power) for b, power in BASE_UNITS[name].items()})
 
 
 def _annotated(parent: ElementTree.Element, kind: str, tag: str) -> ElementTree.Element:

@@ -7,9 +7,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 from urllib.parse import unquote, urlsplit
 
+from fmus.xml_documents import SSC, SSD, SSV
 from plant.errors import InputError
 from scenarios.archives import Allowance
-from scenarios.documents import SSC, SSD, SSV, detached, read_document, schema_problems
+from scenarios.documents import detached, read_document, schema_problems
 from scenarios.schema import Coupling
 
 STRUCTURE = "SystemStructure.ssd"

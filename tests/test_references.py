@@ -20,9 +20,10 @@ from fmus.experiments import Experiment, experiments
 from fmus.interface import UNITS, interface_of
 from fmus.references import FOLDER, MANIFEST, NOTES, TOLERANCE, reference_results
 from fmus.variables import Interface
+from fmus.xml_documents import SSV
 from plant.errors import InputError
 from scenarios.cli import main
-from scenarios.documents import SSV, read_document, schema_problems
+from scenarios.documents import read_document, schema_problems
 from scenarios.instance import UnitInstance
 from scenarios.reference_check import deviation, run_trial
 from scenarios.reference_files import Trial, declared_experiments, read_trial, values_at

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-import scenarios
 from plant.archive import read_arrays
+from scenarios.child_process import python_command, python_environment
 from scenarios.masters.catalogue import find_master
 from scenarios.masters.tasks import read_task
 from scenarios.masters.trace import Task, Trace
@@ -54,10 +54,8 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
         request = {"master": name, "cycles": cycles, "folder": folder,
                    "tasks": [{**asdict(task), "file": str(task.file.resolve())} for task in tasks]}
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
-        paths = [str(Path(scenarios.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-        done = subprocess.run([sys.executable, "-P", "-m", "scenarios.masters.isolation"], input=json.dumps(request),
-                              text=True, capture_output=True, check=False,
-                              env={**os.environ, **temporary, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
+        done = subprocess.run(python_command("-m", "scenarios.masters.isolation"), input=json.dumps(request),
+                              text=True, capture_output=True, check=False, env=python_environment() | temporary)
         result = Path(folder) / "result.json"
         if done.returncode or not result.is_file():
             said = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]

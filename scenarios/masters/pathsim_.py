@@ -7,19 +7,17 @@ from typing import Any
 import numpy as np
 
 from plant.basis import Array
-from scenarios.archives import Allowance
-from scenarios.masters.tasks import private_folder, wires_by_pair
+from scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
 from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
-from scenarios.ssp_import import Package, open_package
+from scenarios.ssp_import import Package
 
 FAULTS = (
-    Fault(name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed over."),
+    NO_SSP,
     Fault(name="Boolean outputs", what="Every output is read as Real, which units with Boolean or Integer outputs "
           "refuse. Its map of outputs is cut down to the Real ones."),
     Fault(name="early labels", what="Units step at the beginning of a step of the simulation: what is recorded at a "
           "time holds the values a step later. Times are shifted by a step."),
-    Fault(name="folders left behind", what="Extracted units stay in the folder for temporary files. They go to one "
-          "that is removed."),
+    FOLDERS_LEFT,
     Fault(name="late release", what="Units are freed by the garbage collector only. It is called after the run."),
 )
 
@@ -29,8 +27,7 @@ def simulate(task: Task) -> Trace:
     import pathsim_fmi  # noqa: F401  (not part of the loading)
 
     begin = time.perf_counter()
-    with private_folder() as folder:
-        package = open_package(task.file, folder / "package", Allowance())
+    with unpacked(task.file) as package:
         simulation, scopes = _assembled(package, task)
         loaded = time.perf_counter()
         simulation.run((task.steps - 1) * task.step)

@@ -4,19 +4,16 @@ import logging
 import time
 from typing import Any
 
-from scenarios.archives import Allowance
-from scenarios.masters.tasks import private_folder, wires_by_pair
+from scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
 from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
-from scenarios.ssp_import import open_package
 
 FAULTS = (
-    Fault(name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed over."),
+    NO_SSP,
     Fault(name="late start", what="Nothing is passed on before the first step: what is constant from the start on "
           "counts from the second step on. Nothing can be done about it."),
     Fault(name="lost row", what="The number of rows is rounded down, which ends some runs with an IndexError in the "
           "last step. It is told to stop half a step later."),
-    Fault(name="folders left behind", what="Extracted units stay in the folder for temporary files. They go to one "
-          "that is removed."),
+    FOLDERS_LEFT,
     Fault(name="root logger", what="It replaces the handlers and the level of the root logger. Both are put back."),
 )
 
@@ -27,8 +24,7 @@ def simulate(task: Task) -> Trace:
 
     begin, root = time.perf_counter(), logging.getLogger()
     handlers, level = root.handlers[:], root.level
-    with private_folder() as folder:
-        package = open_package(task.file, folder / "package", Allowance())
+    with unpacked(task.file) as package:
         connections: dict[str, list[Any]] = {}
         for (start, end), wires in wires_by_pair(package).items():
             connections.setdefault(end, []).extend(

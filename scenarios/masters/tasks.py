@@ -12,9 +12,14 @@ from fmpy import read_model_description
 
 from plant.errors import InputError, suggestion
 from scenarios.archives import Allowance
-from scenarios.masters.trace import Task
+from scenarios.masters.trace import Fault, Task
 from scenarios.ssp_import import Package, is_package, open_package
 
+# Of tools that read single units
+NO_SSP = Fault(name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed "
+               "over.")
+FOLDERS_LEFT = Fault(name="folders left behind", what="Extracted units stay in the folder for temporary files. They go "
+                     "to one that is removed.")
 _OSP = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
 
 
@@ -45,8 +50,8 @@ def read_task(file: Path, *, stop_time: float | None = None, step: float | None 
 
 
 def _from_ssp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
-    with private_folder() as folder:
-        package = open_package(file, folder / "package", Allowance())
+    with unpacked(file) as package:
+        pass
     return package.stop_time, package.step, {
         name: [c.name for c in component.connectors.values() if c.kind == "output"]
         for name, component in package.components.items()}
@@ -81,6 +86,13 @@ def private_folder() -> Iterator[Path]:
                     del os.environ[name]
                 else:
                     os.environ[name] = value
+
+
+@contextmanager
+def unpacked(file: Path) -> Iterator[Package]:
+    """An SSP read and its units extracted, in a folder as of `private_folder`."""
+    with private_folder() as folder:
+        yield open_package(file, folder / "package", Allowance())
 
 
 def wires_by_pair(package: Package) -> dict[tuple[str, str], list[tuple[str, str]]]:
