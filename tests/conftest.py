@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import pytest
@@ -12,8 +13,25 @@ from controller.design import Design, DesignOptions, compute_design
 from fmus.build import build_units
 from fmus.interface import UNITS
 from plant.structure import Structure, find_structure, read_structure
+from scenarios.settings import Settings
 
 STRUCTURES = ("single_beam", "kiel", "five_beams")
+# The connections of a closed loop, of instances feedforward, controller and plant
+LOOP_WIRES = '''[[connection]]
+from = "feedforward.u_ff"
+to = "controller.u_ff"
+[[connection]]
+from = "feedforward.x_ref"
+to = "controller.x_ref"
+[[connection]]
+from = "controller.u"
+to = "plant.u"
+[[connection]]
+from = "plant.y_pm"
+to = "controller.y_pm"
+'''
+
+Export = Callable[..., Path]
 
 
 @cache
@@ -56,6 +74,25 @@ def run_folder() -> Iterator[Path]:
     """A folder to run the command in; units built there serve the whole session."""
     with tempfile.TemporaryDirectory(prefix="flexbeams_runs_", ignore_cleanup_errors=True) as folder:
         yield Path(folder)
+
+
+@pytest.fixture
+def short(run_folder: Path) -> Callable[..., Settings]:
+    """Settings of a run with its units in the session's folder."""
+    return lambda **settings: Settings(frames=False, build_folder=run_folder / "build/fmus", **settings)
+
+
+def once_each(write: Callable[[str, Path, Settings], Path], suffix: str, folders: pytest.TempPathFactory) -> Export:
+    """Exports a scenario, each with the same settings once."""
+    made: dict[str, Path] = {}
+
+    def export(scenario: str, **settings: Any) -> Path:
+        key = f"{scenario} {settings}"
+        if key not in made:
+            out = folders.mktemp("export") / f"{Path(scenario).stem}{suffix}"
+            made[key] = write(scenario, out, Settings(frames=False, **settings))
+        return made[key]
+    return export
 
 
 @pytest.fixture

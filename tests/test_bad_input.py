@@ -9,7 +9,7 @@ import pytest
 
 from fmus.python_backend import build_python_unit
 from scenarios.cli import main
-from tests.conftest import Workshop
+from tests.conftest import LOOP_WIRES, Workshop
 from tests.units import lag_interface as lag
 
 pytestmark = pytest.mark.usefixtures("known_designs")
@@ -27,19 +27,7 @@ start.transition_time = 0.9
 unit = "TrackingController"
 [instance.plant]
 unit = "BeamPlant"
-[[connection]]
-from = "feedforward.u_ff"
-to = "controller.u_ff"
-[[connection]]
-from = "feedforward.x_ref"
-to = "controller.x_ref"
-[[connection]]
-from = "controller.u"
-to = "plant.u"
-[[connection]]
-from = "plant.y_pm"
-to = "controller.y_pm"
-[[input]]
+''' + LOOP_WIRES + '''[[input]]
 to = "feedforward.y_target"
 targets = [{ time = 0.001, value = [-8e-3, 1e-3, 4e-3, -6e-3] }]
 '''

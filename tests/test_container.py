@@ -27,29 +27,21 @@ from scenarios.run import run_scenario
 from scenarios.schema import find_scenario, read_scenario
 from scenarios.settings import Settings
 from scenarios.signals import signal_of
+from tests.conftest import Export, once_each
 from tests.test_ssp_import import ALLOCATOR_NOISE, CYCLES, SCENARIO, resident
+from tests.units.loaded import pushed_in_turn
 
 STEP = 2e-4
 STOPS = {"tracking": 1.3, "disturbance": 1.1, "retarget": 1.7}   # s: into the motions
 COUPLINGS = ("jacobi", "gauss-seidel")
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 
-Export = Callable[..., Path]
 Host = Callable[[Path], UnitInstance]
 
 
 @pytest.fixture(scope="module")
 def export(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """Exports a scenario, each with the same settings once."""
-    made: dict[str, Path] = {}
-
-    def write(scenario: str, **settings: Any) -> Path:
-        key = f"{scenario} {settings}"
-        if key not in made:
-            out = tmp_path_factory.mktemp("export") / f"{Path(scenario).stem}.fmu"
-            made[key] = export_container(scenario, out, Settings(frames=False, **settings))
-        return made[key]
-    return write
+    return once_each(export_container, ".fmu", tmp_path_factory)
 
 
 @pytest.fixture
@@ -60,12 +52,6 @@ def load(tmp_path: Path) -> Host:
         fmpy.extract(str(file), unzipdir=str(folder))
         return loaded(folder)
     return extract
-
-
-@pytest.fixture
-def short(run_folder: Path) -> Callable[..., Settings]:
-    """Settings of a run with its units in the session's folder."""
-    return lambda **settings: Settings(frames=False, build_folder=run_folder / "build/fmus", **settings)
 
 
 @pytest.fixture(scope="module")
@@ -419,12 +405,7 @@ def test_containers_live_side_by_side(export: Export, load: Host, tmp_path: Path
     light = export("tracking", coupling="jacobi")
 
     def walk(units: list[UnitInstance]) -> list[list[float]]:
-        rows: list[list[float]] = [[] for _ in units]
-        for k in range(200):
-            for row, unit in zip(rows, units, strict=True):
-                unit.set_start("plant.force[1]", 0.1)
-                unit.step(k * STEP, STEP)
-                row.append(float(unit.get("plant.y_pi[1]")))
+        rows = pushed_in_turn(units, "plant.force[1]", "plant.y_pi[1]")
         for unit in reversed(units):
             unit.close()
         return rows

@@ -23,6 +23,7 @@ from scenarios.settings import Settings
 from scenarios.ssp_check import package_problems
 from scenarios.ssp_export import export_ssp
 from scenarios.ssp_run import run_package
+from tests.conftest import Export, once_each
 
 STEP = 2e-4
 STOPS = {"tracking": 1.2, "disturbance": 1.1, "retarget": 1.7}   # s: into the motions
@@ -31,27 +32,11 @@ NS = {"ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
       "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
       "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues"}
 
-Export = Callable[..., Path]
 
 
 @pytest.fixture(scope="module")
 def export(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """Exports a scenario, each with the same settings once."""
-    made: dict[str, Path] = {}
-
-    def write(scenario: str, **settings: Any) -> Path:
-        key = f"{scenario} {settings}"
-        if key not in made:
-            out = tmp_path_factory.mktemp("export") / f"{Path(scenario).stem}.ssp"
-            made[key] = export_ssp(scenario, out, Settings(frames=False, **settings))
-        return made[key]
-    return write
-
-
-@pytest.fixture
-def short(run_folder: Path) -> Callable[..., Settings]:
-    """Settings of a run with its units in the session's folder."""
-    return lambda **settings: Settings(frames=False, build_folder=run_folder / "build/fmus", **settings)
+    return once_each(export_ssp, ".ssp", tmp_path_factory)
 
 
 def deviation(one: Recording, other: Recording) -> float:

@@ -1,7 +1,5 @@
 """Packages of others: what the runner takes, what it refuses in one line, and that it leaves nothing behind."""
 
-import ctypes
-import gc
 import io
 import os
 import re
@@ -18,13 +16,16 @@ from fmus.python_backend import build_python_units
 from plant.errors import InputError
 from scenarios.cli import main
 from scenarios.instance import UnitInstance
+from scenarios.masters.isolation import resident_bytes
 from scenarios.results import read_results
 from scenarios.run import run_scenario
 from scenarios.settings import Settings
 from scenarios.ssp_check import package_problems
 from scenarios.ssp_export import export_ssp
 from scenarios.ssp_run import run_package
+from tests.conftest import LOOP_WIRES
 from tests.units.lag_interface import a, b, gain, lag_unit, x_start
+from tests.units.loaded import pushed_in_turn
 
 STEP = 2e-4
 CYCLES = int(os.environ.get("FLEXBEAMS_CYCLES", "15"))   # 50 for the full measurement: 200 of loading and unloading
@@ -39,19 +40,7 @@ start.preview = 2e-4
 unit = "TrackingController"
 [instance.plant]
 unit = "BeamPlant"
-[[connection]]
-from = "feedforward.u_ff"
-to = "controller.u_ff"
-[[connection]]
-from = "feedforward.x_ref"
-to = "controller.x_ref"
-[[connection]]
-from = "controller.u"
-to = "plant.u"
-[[connection]]
-from = "plant.y_pm"
-to = "controller.y_pm"
-[[input]]
+''' + LOOP_WIRES + '''[[input]]
 to = "plant.force"
 pulse = {{ time = 0.02, duration = 5e-3, impulse = 0.01 }}
 [[input]]
@@ -400,12 +389,7 @@ def test_units_of_two_packages_live_side_by_side(shop: Shop, tmp_path: Path) -> 
                                          unzipdir=str(tmp_path / f"plant{k}"))))
 
     def walk(units: list[UnitInstance]) -> list[list[float]]:
-        rows: list[list[float]] = [[] for _ in units]
-        for k in range(200):
-            for row, unit in zip(rows, units, strict=True):
-                unit.set_start("force[1]", 0.1)
-                unit.step(k * STEP, STEP)
-                row.append(float(unit.get("y_pi[1]")))
+        rows = pushed_in_turn(units, "force[1]", "y_pi[1]")
         for unit in units:
             unit.close()
         return rows
@@ -420,10 +404,10 @@ ALLOCATOR_NOISE = 4_000_000   # bytes; units that stay loaded or allocated would
 
 
 def resident() -> int:
-    """Bytes of memory in use; what the allocator keeps in reserve is given back first."""
-    gc.collect()
-    ctypes.CDLL(None).malloc_trim(0)
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+    """Bytes of memory in use, on Linux."""
+    found = resident_bytes()
+    assert found is not None
+    return found
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
