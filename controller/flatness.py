@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-
-from controller.planner import InputShapes, places
-from controller.reduction import ReducedModel
-from controller.transition import Transition, derivative_scales
-from plant.basis import Array
-from plant.errors import DesignError
+from flexbeams.controller.planner import InputShapes, places
+from flexbeams.controller.reduction import ReducedModel
+from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import DesignError
 
 TABULATED_TIMES, TABULATED_INTERVALS = 64, 512
-AMPLIFICATION = 20.0   # largest voltage planned, beside the one that the change takes at rest
+AMPLIFICATION = 20.0  # largest voltage planned, beside the one that the change takes at rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +21,8 @@ class FlatParameterisation:
     (m, m, n_u) stacks the matrices that multiply xi, xi', ... xi^(m-1).
     """
 
-    input: Array   # (m + 1,), s^i
-    state: Array   # (m, m, n_u): state, order of the derivative, input
+    input: Array  # (m + 1,), s^i
+    state: Array  # (m, m, n_u): state, order of the derivative, input
 
     @property
     def degree(self) -> int:
@@ -40,13 +39,15 @@ def flat_parameterisation(model: ReducedModel) -> FlatParameterisation:
     inputs = np.linalg.solve(vectors, model.B.astype(complex))
     m, n_u = model.B.shape
     if np.linalg.cond(vectors) > 1e10:
-        raise DesignError("the reduced model has (nearly) multiple eigenvalues, for which the spectral form (31) "
-                          "does not exist; change reduced_modes or the structure")
+        raise DesignError(
+            "the reduced model has (nearly) multiple eigenvalues, for which the spectral form (31) "
+            "does not exist; change reduced_modes or the structure"
+        )
     D_u = _product(eigenvalues)
     state = np.zeros((m, m, n_u), dtype=complex)
     for index, eigenvalue in enumerate(eigenvalues):
-        D_z = _product(np.delete(eigenvalues, index))          # (34b): all factors but one
-        z = -np.outer(D_z, inputs[index]) / eigenvalue         # (m, n_u)
+        D_z = _product(np.delete(eigenvalues, index))  # (34b): all factors but one
+        z = -np.outer(D_z, inputs[index]) / eigenvalue  # (m, n_u)
         state += vectors[:, index, None, None] * z
     return FlatParameterisation(input=D_u.real.copy(), state=state.real.copy())
 
@@ -82,18 +83,25 @@ def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, sl
         series = transition_series(transition, flat.degree, places(TABULATED_INTERVALS))
         values = np.array([input_shape(flat, series, float(T)) for T in times])
     if not (np.isfinite(series).all() and np.isfinite(values[-1]).all()):
-        raise DesignError(f"derivatives of the flat output up to degree {flat.degree} exceed the range of doubles; "
-                          "take a smaller reduced_modes")
+        raise DesignError(
+            f"derivatives of the flat output up to degree {flat.degree} exceed the range of doubles; "
+            "take a smaller reduced_modes"
+        )
     fitting = np.max(np.abs(values), axis=1) <= AMPLIFICATION
     if not fitting[-2:].all():
-        raise DesignError(f"a transition of {times[-1]:.3g} s still takes {np.max(np.abs(values[-1])):.3g} times the "
-                          "voltage at rest; take a larger gevrey_order or a smaller reduced_modes")
+        raise DesignError(
+            f"a transition of {times[-1]:.3g} s still takes {np.max(np.abs(values[-1])):.3g} times the "
+            "voltage at rest; take a larger gevrey_order or a smaller reduced_modes"
+        )
     first = len(times) - int(np.argmin(fitting[::-1])) if not fitting.all() else 0
     return InputShapes(times=times[first:], values=values[first:])
 
 
 def cancellation(flat: FlatParameterisation, transition: Transition, transition_time: float) -> float:
     """Largest sum of the terms' magnitudes over the largest sum, along one transition: digits lost, as a ratio."""
-    terms = (transition_series(transition, flat.degree, np.linspace(0, 1, 201))
-             * flat.input * derivative_scales(flat.degree, transition_time))
+    terms = (
+        transition_series(transition, flat.degree, np.linspace(0, 1, 201))
+        * flat.input
+        * derivative_scales(flat.degree, transition_time)
+    )
     return float(np.max(np.sum(np.abs(terms), axis=1)) / np.max(np.abs(np.sum(terms, axis=1))))

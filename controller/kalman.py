@@ -1,19 +1,20 @@
 """The steady-state Kalman filter (40)-(42) with the weights (46)."""
 
 import numpy as np
+from flexbeams.controller.riccati import require_stable, solve_riccati
+from flexbeams.plant.basis import Array
 
-from controller.riccati import require_stable, solve_riccati
-from plant.basis import Array
 
-
-def process_noise(hankel_position: Array, hankel_velocity: Array, *, total: float, position: float,
-                  velocity: float) -> Array:
+def process_noise(
+    hankel_position: Array, hankel_velocity: Array, *, total: float, position: float, velocity: float
+) -> Array:
     """Diagonal of the weights (46), (47), shape (2 k,), from the kept singular values (k,) each.
 
     total * (position * zeta_p / sum(zeta_p), velocity * zeta_v / sum(zeta_v)).
     """
-    return total * np.concatenate([position * hankel_position / hankel_position.sum(),
-                                   velocity * hankel_velocity / hankel_velocity.sum()])
+    return total * np.concatenate(
+        [position * hankel_position / hankel_position.sum(), velocity * hankel_velocity / hankel_velocity.sum()]
+    )
 
 
 def steady_kalman_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:

@@ -1,9 +1,8 @@
 """The linear-quadratic regulator (43), (44)."""
 
 import numpy as np
-
-from controller.riccati import require_stable, solve_riccati
-from plant.basis import Array
+from flexbeams.controller.riccati import require_stable, solve_riccati
+from flexbeams.plant.basis import Array
 
 
 def lqr_gain(A: Array, B: Array, Q: Array, R: Array) -> Array:

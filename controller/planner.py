@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from flexbeams.plant.basis import Array
 
-from plant.basis import Array
-
-PATIENCE = 8.0     # longest transition tried, as a multiple of the longest one tabulated or under way
+PATIENCE = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way
 
 
 def places(intervals: int) -> Array:
@@ -23,8 +22,8 @@ class InputShapes:
     curve, which hardly differs from Theta itself.
     """
 
-    times: Array    # (k,), s, ascending
-    values: Array   # (k, n + 1), at places(n)
+    times: Array  # (k,), s, ascending
+    values: Array  # (k, n + 1), at places(n)
 
     def at(self, duration: float, tau: Array) -> Array:
         """The curve of a transition of `duration` s at tau, linear between tabulated curves and places."""
@@ -40,10 +39,10 @@ class InputShapes:
 class Motion:
     """Transitions under way: u_j(t) = offset_j + sum_k steps_kj shape((t - starts_k) / durations_k)."""
 
-    offset: Array      # (n_u,), V: flat output that earlier transitions have reached
-    starts: Array      # (k,), s
-    durations: Array   # (k,), s
-    steps: Array       # (k, n_u), V
+    offset: Array  # (n_u,), V: flat output that earlier transitions have reached
+    starts: Array  # (k,), s
+    durations: Array  # (k,), s
+    steps: Array  # (k, n_u), V
 
     def voltage(self, shapes: InputShapes, time: Array) -> Array:
         """Planned voltages at `time` (l,); shape (l, n_u)."""
@@ -54,22 +53,26 @@ class Motion:
 
     def extended(self, start: float, duration: float, step: Array) -> "Motion":
         """The motion with one more transition."""
-        return Motion(offset=self.offset, starts=np.append(self.starts, start),
-                      durations=np.append(self.durations, duration),
-                      steps=np.vstack([self.steps, step[None, :]]))
+        return Motion(
+            offset=self.offset,
+            starts=np.append(self.starts, start),
+            durations=np.append(self.durations, duration),
+            steps=np.vstack([self.steps, step[None, :]]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
     """How a target is reached: duration 0 means that it is refused."""
 
-    duration: float   # s
-    peak: float       # largest |u| of the whole motion with this duration, V
-    at_rest: float    # largest |u| at the target, V
+    duration: float  # s
+    peak: float  # largest |u| of the whole motion with this duration, V
+    at_rest: float  # largest |u| at the target, V
 
 
-def plan_transition(motion: Motion, shapes: InputShapes, *, now: float, step: Array, wanted: float,
-                    limit: float) -> Plan:
+def plan_transition(
+    motion: Motion, shapes: InputShapes, *, now: float, step: Array, wanted: float, limit: float
+) -> Plan:
     """The shortest transition of at least `wanted` s that keeps the whole motion within +-limit (V).
 
     `step` (n_u,) is the change of the flat output. The limit is kept to about 0.1 %, what the table resolves. Where

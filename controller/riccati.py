@@ -1,13 +1,12 @@
 """The discrete algebraic Riccati equation, scaled, refined and checked."""
 
 import numpy as np
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import DesignError
 from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
 
-from plant.basis import Array
-from plant.errors import DesignError
-
 TOLERANCE = 1e-9  # relative residual accepted
-MARGIN = 1e-12    # by which a stable eigenvalue is inside the unit circle, more than rounding
+MARGIN = 1e-12  # by which a stable eigenvalue is inside the unit circle, more than rounding
 
 
 def residual(A: Array, B: Array, Q: Array, R: Array, S: Array) -> float:

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from flexbeams.plant.basis import Array
 
-from plant.basis import Array
-
-NODES = 256           # intervals of the table of Theta over the transition
-LOWEST_ORDER = 1.2    # below, theta is too narrow for that table
-_NEGLIGIBLE = 600.0   # p^-g - 4^g beyond which theta and all its derivatives vanish beside their maxima
-_LOCAL_TERMS = 16     # that carry Theta from a node to its neighbourhood without loss
+NODES = 256  # intervals of the table of Theta over the transition
+LOWEST_ORDER = 1.2  # below, theta is too narrow for that table
+_NEGLIGIBLE = 600.0  # p^-g - 4^g beyond which theta and all its derivatives vanish beside their maxima
+_LOCAL_TERMS = 16  # that carry Theta from a node to its neighbourhood without loss
 
 
 def derivative_scales(degree: int, duration: float) -> Array:
@@ -25,9 +24,9 @@ class Transition:
     The integrand is kept as exp(4^g - (tau (1 - tau))^-g), of maximum 1: the plain one vanishes in doubles for g > 4.7.
     """
 
-    exponent: float   # g
-    norm: float       # integral of exp(4^g - (tau (1 - tau))^-g) over [0, 1]
-    table: Array      # Theta at i / NODES, (NODES + 1,)
+    exponent: float  # g
+    norm: float  # integral of exp(4^g - (tau (1 - tau))^-g) over [0, 1]
+    table: Array  # Theta at i / NODES, (NODES + 1,)
 
     def series(self, tau: float, order: int) -> Array:
         """Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... order, with respect to tau; shape (order + 1,).
@@ -41,22 +40,22 @@ class Transition:
         coefficients[0] = 0.0 if tau < 0.5 else 1.0
         g, p0, p1 = self.exponent, tau * (1 - tau), 1 - 2 * tau
         if p0 <= (4**g + _NEGLIGIBLE) ** (-1 / g):
-            return coefficients[:order + 1]
-        power = [p0 ** -g, -g * p1 * p0 ** (-g - 1)]
+            return coefficients[: order + 1]
+        power = [p0**-g, -g * p1 * p0 ** (-g - 1)]
         for k in range(2, terms):
             power.append((-(g + k - 1) * p1 * power[-1] + (2 * g + k - 2) * power[-2]) / (k * p0))
         # -k power[k], backwards, so that each step of the exponential's recurrence is one product
-        slope = -np.arange(terms - 1, 0, -1) * np.array(power[terms - 1:0:-1])
+        slope = -np.arange(terms - 1, 0, -1) * np.array(power[terms - 1 : 0 : -1])
         theta = np.zeros(terms)
         theta[0] = np.exp(4**g - power[0]) / self.norm
         for k in range(1, terms):
-            theta[k] = (slope[terms - 1 - k:] @ theta[:k]) / k
+            theta[k] = (slope[terms - 1 - k :] @ theta[:k]) / k
         index = np.arange(1, terms + 1)
         coefficients[1:] = theta / index
         node = round(tau * NODES)
         back = node / NODES - tau
-        coefficients[0] = self.table[node] - coefficients[1:] @ back ** index
-        return coefficients[:order + 1]
+        coefficients[0] = self.table[node] - coefficients[1:] @ back**index
+        return coefficients[: order + 1]
 
 
 def transition_of_order(gevrey_order: float) -> Transition:
@@ -73,5 +72,5 @@ def transition_of_order(gevrey_order: float) -> Transition:
     theta = np.exp(4**exponent - (tau * (1 - tau)) ** -exponent)
     rising = np.concatenate([[0.0], np.cumsum(theta @ weights / (2 * NODES))])
     norm = 2 * rising[NODES // 2]
-    left = rising[:NODES // 2 + 1] / norm                # Theta(tau) + Theta(1 - tau) = 1 exactly
+    left = rising[: NODES // 2 + 1] / norm  # Theta(tau) + Theta(1 - tau) = 1 exactly
     return Transition(exponent=exponent, norm=float(norm), table=np.concatenate([left, 1 - left[-2::-1]]))

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-
-from plant.basis import Array, symmetric_product
+from flexbeams.plant.basis import Array, symmetric_product
 
 
 def clamped_free_roots(count: int) -> Array:

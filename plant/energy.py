@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import DesignError
 from scipy.linalg import cholesky, solve_triangular
-
-from plant.basis import Array
-from plant.errors import DesignError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,9 +16,9 @@ class EnergyForm:
     the damping, so its exponential is a contraction, and discretisation stays accurate for stiff bases too.
     """
 
-    A: Array             # (2n, 2n), 1/s
-    B: Array             # (2n, m)
-    position: Array      # (n, n): q = position x[:n]
+    A: Array  # (2n, 2n), 1/s
+    B: Array  # (2n, m)
+    position: Array  # (n, n): q = position x[:n]
 
     def outputs(self, rows: Array) -> Array:
         """Output matrix (k, 2n) for y = rows q, rows (k, n)."""
@@ -39,9 +38,9 @@ def energy_form(M: Array, D: Array, K: Array, inputs: Array) -> EnergyForm:
         except (np.linalg.LinAlgError, ValueError):
             raise DesignError(f"the {name} matrix is not positive definite: check the structure's parameters") from None
     mass, stiffness = factors
-    coupling = solve_triangular(mass, stiffness, lower=True)       # R_M^-1 R_K
+    coupling = solve_triangular(mass, stiffness, lower=True)  # R_M^-1 R_K
     half = solve_triangular(mass, D, lower=True)
-    damping = solve_triangular(mass, half.T, lower=True)           # R_M^-1 D R_M^-T
+    damping = solve_triangular(mass, half.T, lower=True)  # R_M^-1 D R_M^-T
     A = np.block([[np.zeros((n, n)), coupling.T], [-coupling, -(damping + damping.T) / 2]])
     B = solve_triangular(mass, inputs, lower=True)
     position: Array = solve_triangular(stiffness, np.eye(n), lower=True).T
@@ -65,7 +64,7 @@ def _exponential_less_one(A: Array) -> Array:
     """
     norm = float(np.linalg.norm(A, 1))
     doublings = max(0, int(np.ceil(np.log2(max(norm, 1e-300)))) + 1)
-    X = A / 2.0**doublings          # norm <= 1/2: 16 terms reach rounding
+    X = A / 2.0**doublings  # norm <= 1/2: 16 terms reach rounding
     Y, power = X.copy(), X
     for k in range(2, 17):
         power = power @ X / k

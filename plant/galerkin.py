@@ -11,11 +11,10 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-
-from plant.basis import Array, Basis
-from plant.clamped_free import ClampedFreeBasis
-from plant.segment import SegmentBasis, pieces
-from plant.structure import Structure
+from flexbeams.plant.basis import Array, Basis
+from flexbeams.plant.clamped_free import ClampedFreeBasis
+from flexbeams.plant.segment import SegmentBasis, pieces
+from flexbeams.plant.structure import Structure
 
 BasisName = Literal["clamped_free", "segment"]
 MatrixName = Literal["M", "D", "K", "L"]
@@ -28,11 +27,11 @@ STATIONS = 21  # places along each beam whose deflection is shown
 class Term:
     """One parameter's part: parameter x block, added to `matrix` at rows (and columns) from `start` on."""
 
-    parameter: str   # such as beam[1].density
+    parameter: str  # such as beam[1].density
     matrix: MatrixName
-    start: int       # first generalised coordinate of the block
-    column: int      # patch pair counted from 0 where matrix is L, else 0
-    block: Array     # (m, m), or (m, 1) where matrix is L
+    start: int  # first generalised coordinate of the block
+    column: int  # patch pair counted from 0 where matrix is L, else 0
+    block: Array  # (m, m), or (m, 1) where matrix is L
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,19 +52,23 @@ class BeamModel:
     structure: Structure
     basis: BasisName
     order: int
-    size: int                  # generalised coordinates n
+    size: int  # generalised coordinates n
     terms: tuple[Term, ...]
-    deflection: Array          # (n_pi, n): y_pi = deflection q, m (18)
-    strain: Array              # (n_pm, n): y_pm = strain q, 1 (20)
-    tips: Array                # (r, n): deflection of each tip, m; its transpose is F
-    stations: Array            # (r, STATIONS, n): deflection at equal distances from the clamp to the tip, m
+    deflection: Array  # (n_pi, n): y_pi = deflection q, m (18)
+    strain: Array  # (n_pm, n): y_pm = strain q, 1 (20)
+    tips: Array  # (r, n): deflection of each tip, m; its transpose is F
+    stations: Array  # (r, STATIONS, n): deflection at equal distances from the clamp to the tip, m
 
     def assemble(self, parameters: dict[str, float] | None = None) -> SecondOrderSystem:
         """The matrices for the structure's parameters, those given in `parameters` replaced."""
         values = {**self.structure.parameters(), **(parameters or {})}
         n = self.size
-        matrices = {"M": np.zeros((n, n)), "D": np.zeros((n, n)), "K": np.zeros((n, n)),
-                    "L": np.zeros((n, len(self.structure.patch)))}
+        matrices = {
+            "M": np.zeros((n, n)),
+            "D": np.zeros((n, n)),
+            "K": np.zeros((n, n)),
+            "L": np.zeros((n, len(self.structure.patch))),
+        }
         for term in self.terms:
             rows = slice(term.start, term.start + term.block.shape[0])
             columns = slice(term.column, term.column + 1) if term.matrix == "L" else rows
@@ -101,19 +104,34 @@ def beam_model(structure: Structure, basis: BasisName = "clamped_free", order: i
 
     def rows(beam: int, positions: list[float], derivative: int = 0) -> Array:
         wide = np.zeros((len(positions), n))
-        wide[:, starts[beam]:starts[beam + 1]] = bases[beam].evaluate(np.asarray(positions), derivative)
+        wide[:, starts[beam] : starts[beam + 1]] = bases[beam].evaluate(np.asarray(positions), derivative)
         return wide
 
     tips = np.vstack([rows(j, [beam.length]) for j, beam in enumerate(structure.beam)])
-    terms = [*_beam_terms(structure, bases, starts, tips), *_patch_terms(structure, bases, starts),
-             *_spring_terms(structure, starts, tips)]
-    strain = np.vstack([_strain_row(g.position, g.length, structure.beam[g.beam - 1].thickness,
-                                    partial(rows, g.beam - 1)) for g in structure.strain_gauge])
+    terms = [
+        *_beam_terms(structure, bases, starts, tips),
+        *_patch_terms(structure, bases, starts),
+        *_spring_terms(structure, starts, tips),
+    ]
+    strain = np.vstack(
+        [
+            _strain_row(g.position, g.length, structure.beam[g.beam - 1].thickness, partial(rows, g.beam - 1))
+            for g in structure.strain_gauge
+        ]
+    )
     return BeamModel(
-        structure=structure, basis=basis, order=order, size=n, terms=tuple(terms), tips=tips, strain=strain,
+        structure=structure,
+        basis=basis,
+        order=order,
+        size=n,
+        terms=tuple(terms),
+        tips=tips,
+        strain=strain,
         deflection=np.vstack([rows(p.beam - 1, [p.position]) for p in structure.point_of_interest]),
-        stations=np.stack([rows(j, list(np.linspace(0, beam.length, STATIONS)))
-                           for j, beam in enumerate(structure.beam)]))
+        stations=np.stack(
+            [rows(j, list(np.linspace(0, beam.length, STATIONS))) for j, beam in enumerate(structure.beam)]
+        ),
+    )
 
 
 def _strain_row(position: float, length: float, thickness: float, rows: Callable[[list[float], int], Array]) -> Array:
@@ -130,13 +148,18 @@ def _beam_terms(structure: Structure, bases: list[Basis], starts: Array, tips: A
     terms = []
     for j, (beam, basis) in enumerate(zip(structure.beam, bases, strict=True)):
         gram = [basis.gram(0.0, beam.length, d) for d in range(3)]
-        tip = tips[j, starts[j]:starts[j + 1]]
+        tip = tips[j, starts[j] : starts[j + 1]]
         blocks: tuple[tuple[str, MatrixName, Array], ...] = (
-            ("density", "M", beam.area * gram[0]), ("youngs_modulus", "K", beam.second_moment * gram[2]),
-            ("tip_mass", "M", np.outer(tip, tip)), ("viscous_damping", "D", gram[0]),
-            ("structural_damping", "D", gram[1]))
-        terms += [Term(parameter=f"beam[{j + 1}].{name}", matrix=matrix, start=int(starts[j]), column=0, block=block)
-                  for name, matrix, block in blocks]
+            ("density", "M", beam.area * gram[0]),
+            ("youngs_modulus", "K", beam.second_moment * gram[2]),
+            ("tip_mass", "M", np.outer(tip, tip)),
+            ("viscous_damping", "D", gram[0]),
+            ("structural_damping", "D", gram[1]),
+        )
+        terms += [
+            Term(parameter=f"beam[{j + 1}].{name}", matrix=matrix, start=int(starts[j]), column=0, block=block)
+            for name, matrix, block in blocks
+        ]
     return terms
 
 
@@ -151,10 +174,20 @@ def _patch_terms(structure: Structure, bases: list[Basis], starts: Array) -> lis
         blocks: tuple[tuple[str, MatrixName, Array], ...] = (
             ("density", "M", 2 * patch.area * gram[0]),
             ("youngs_modulus", "K", 2 * patch.second_moment(beam) * gram[2]),
-            ("viscous_damping", "D", 2 * gram[0]), ("structural_damping", "D", 2 * gram[1]),
-            ("piezo_ratio", "L", lever[:, None]))
-        terms += [Term(parameter=f"patch[{k + 1}].{name}", matrix=matrix, start=int(starts[patch.beam - 1]),
-                       column=k if matrix == "L" else 0, block=block) for name, matrix, block in blocks]
+            ("viscous_damping", "D", 2 * gram[0]),
+            ("structural_damping", "D", 2 * gram[1]),
+            ("piezo_ratio", "L", lever[:, None]),
+        )
+        terms += [
+            Term(
+                parameter=f"patch[{k + 1}].{name}",
+                matrix=matrix,
+                start=int(starts[patch.beam - 1]),
+                column=k if matrix == "L" else 0,
+                block=block,
+            )
+            for name, matrix, block in blocks
+        ]
     return terms
 
 
@@ -162,7 +195,14 @@ def _spring_terms(structure: Structure, starts: Array, tips: Array) -> list[Term
     terms = []
     for k, spring in enumerate(structure.spring, 1):
         i, j = sorted(b - 1 for b in spring.between)
-        stretch = (tips[i] - tips[j])[starts[i]:starts[j + 1]]
-        terms.append(Term(parameter=f"spring[{k}].stiffness", matrix="K", start=int(starts[i]), column=0,
-                          block=np.outer(stretch, stretch)))
+        stretch = (tips[i] - tips[j])[starts[i] : starts[j + 1]]
+        terms.append(
+            Term(
+                parameter=f"spring[{k}].stiffness",
+                matrix="K",
+                start=int(starts[i]),
+                column=0,
+                block=np.outer(stretch, stretch),
+            )
+        )
     return terms

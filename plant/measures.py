@@ -1,8 +1,7 @@
 """Measures of a response: overshoot, settling and decay, as the comparison with the paper defines them."""
 
 import numpy as np
-
-from plant.basis import Array
+from flexbeams.plant.basis import Array
 
 
 def overshoots(y: Array, end: Array) -> Array:

@@ -5,7 +5,7 @@ from the data sheet of the MFC M-8525-P1; the four piezo ratios are solved exact
 between (48) and the deflections of section 4.3; springs, tip masses, moduli and one damping pair are fitted by
 differential evolution to the step response of Fig. 4. Run again with
 
-    python -m plant.reconstruction [FILE]
+    python -m flexbeams.plant.reconstruction [FILE]
 """
 
 import sys
@@ -14,43 +14,90 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import DesignError
+from flexbeams.plant.galerkin import BeamModel, beam_model
+from flexbeams.plant.measures import overshoots, settling_time
+from flexbeams.plant.statespace import state_matrices
+from flexbeams.plant.structure import (
+    SHIPPED,
+    Beam,
+    Patch,
+    PointOfInterest,
+    Spring,
+    StrainGauge,
+    Structure,
+    read_structure,
+)
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import differential_evolution
 
-from plant.basis import Array
-from plant.errors import DesignError
-from plant.galerkin import BeamModel, beam_model
-from plant.measures import overshoots, settling_time
-from plant.statespace import state_matrices
-from plant.structure import SHIPPED, Beam, Patch, PointOfInterest, Spring, StrainGauge, Structure, read_structure
-
 # Section 4 of the paper
-VOLTAGE = np.array([817.0, -770.0, -807.0, 781.0])        # V (48)
-DEFLECTION = np.array([-8e-3, 1e-3, 4e-3, -6e-3])         # m
-TIPS = [0, 2, 3]                                          # points of interest of Fig. 4
-OVERSHOOT = 1.5                                           # of point 3, relative to its end value
-OSCILLATION = (4e-3, 6e-3)                                # m, range over the three tips
-SETTLING = 18.0                                           # s
+VOLTAGE = np.array([817.0, -770.0, -807.0, 781.0])  # V (48)
+DEFLECTION = np.array([-8e-3, 1e-3, 4e-3, -6e-3])  # m
+TIPS = [0, 2, 3]  # points of interest of Fig. 4
+OVERSHOOT = 1.5  # of point 3, relative to its end value
+OSCILLATION = (4e-3, 6e-3)  # m, range over the three tips
+SETTLING = 18.0  # s
 
 # Data sheet of the MFC M-8525-P1: d33 E; two patches double it, see Patch.moment_per_volt
-PIEZO_RATIO = 2 * 4e-10 * 30.3e9                          # C/m^2
+PIEZO_RATIO = 2 * 4e-10 * 30.3e9  # C/m^2
 
-FITTED = ("spring[1].stiffness", "spring[2].stiffness", "beam[1].tip_mass", "beam[2].tip_mass", "beam[3].tip_mass",
-          "beam[1].youngs_modulus", "beam[2].youngs_modulus", "beam[3].youngs_modulus",
-          "structural_damping", "viscous_damping")
-BOUNDS = np.array([(2, 15), (2, 15), (10e-3, 40e-3), (10e-3, 40e-3), (10e-3, 40e-3),
-                   (3e10, 8e10), (3e10, 8e10), (3e10, 8e10), (1e-4, 1e-2), (2e-3, 6e-2)])
+FITTED = (
+    "spring[1].stiffness",
+    "spring[2].stiffness",
+    "beam[1].tip_mass",
+    "beam[2].tip_mass",
+    "beam[3].tip_mass",
+    "beam[1].youngs_modulus",
+    "beam[2].youngs_modulus",
+    "beam[3].youngs_modulus",
+    "structural_damping",
+    "viscous_damping",
+)
+BOUNDS = np.array(
+    [
+        (2, 15),
+        (2, 15),
+        (10e-3, 40e-3),
+        (10e-3, 40e-3),
+        (10e-3, 40e-3),
+        (3e10, 8e10),
+        (3e10, 8e10),
+        (3e10, 8e10),
+        (1e-4, 1e-2),
+        (2e-3, 6e-2),
+    ]
+)
 
 
 def template() -> Structure:
     """The assumed geometry with data sheet values; what is fitted later holds a plausible value."""
-    beam = Beam(length=0.40, width=0.045, thickness=0.8e-3, density=1500.0, youngs_modulus=5e10, tip_mass=0.03,
-                viscous_damping=0.03, structural_damping=4e-3)
+    beam = Beam(
+        length=0.40,
+        width=0.045,
+        thickness=0.8e-3,
+        density=1500.0,
+        youngs_modulus=5e10,
+        tip_mass=0.03,
+        viscous_damping=0.03,
+        structural_damping=4e-3,
+    )
 
     def patch(number: int, position: float) -> Patch:
-        return Patch(beam=number, position=position, length=0.085, width=0.025, thickness=0.3e-3, density=5440.0,
-                     youngs_modulus=30.3e9, viscous_damping=0.03, structural_damping=4e-3,
-                     piezo_ratio=PIEZO_RATIO, electrode_distance=5e-4)
+        return Patch(
+            beam=number,
+            position=position,
+            length=0.085,
+            width=0.025,
+            thickness=0.3e-3,
+            density=5440.0,
+            youngs_modulus=30.3e9,
+            viscous_damping=0.03,
+            structural_damping=4e-3,
+            piezo_ratio=PIEZO_RATIO,
+            electrode_distance=5e-4,
+        )
 
     def gauge(number: int, position: float) -> StrainGauge:
         return StrainGauge(beam=number, position=position, length=0.006)
@@ -59,12 +106,23 @@ def template() -> Structure:
         beam=[beam, beam, beam],
         patch=[patch(1, 0.025), patch(2, 0.025), patch(2, 0.16), patch(3, 0.025)],
         spring=[Spring(between=(1, 2), stiffness=6.0), Spring(between=(2, 3), stiffness=8.0)],
-        point_of_interest=[PointOfInterest(beam=1, position=0.39), PointOfInterest(beam=2, position=0.24),
-                           PointOfInterest(beam=2, position=0.39), PointOfInterest(beam=3, position=0.39)],
+        point_of_interest=[
+            PointOfInterest(beam=1, position=0.39),
+            PointOfInterest(beam=2, position=0.24),
+            PointOfInterest(beam=2, position=0.39),
+            PointOfInterest(beam=3, position=0.39),
+        ],
         # One beside each pair and two in the free spans of the outer beams: 4 moments and 2 spring forces are
         # then determined by 6 strains. Outside the patches a resting beam bends by the spring forces alone.
-        strain_gauge=[gauge(1, 0.0675), gauge(1, 0.20), gauge(2, 0.0675), gauge(2, 0.2025), gauge(3, 0.0675),
-                      gauge(3, 0.20)])
+        strain_gauge=[
+            gauge(1, 0.0675),
+            gauge(1, 0.20),
+            gauge(2, 0.0675),
+            gauge(2, 0.2025),
+            gauge(3, 0.0675),
+            gauge(3, 0.20),
+        ],
+    )
 
 
 def parameters_of(candidate: Array) -> dict[str, float]:
@@ -80,7 +138,7 @@ def piezo_ratios(model: BeamModel, parameters: dict[str, float]) -> Array:
     """The four piezo ratios (C/m^2) with which VOLTAGE holds DEFLECTION at rest, exactly."""
     unit = {f"patch[{k}].piezo_ratio": 1.0 for k in range(1, len(VOLTAGE) + 1)}
     system = model.assemble({**parameters, **unit})
-    columns = model.deflection @ cho_solve(cho_factor(system.K), system.L)   # m per V and C/m^2
+    columns = model.deflection @ cho_solve(cho_factor(system.K), system.L)  # m per V and C/m^2
     ratios: Array = np.linalg.solve(columns * VOLTAGE, DEFLECTION)
     return ratios
 
@@ -89,7 +147,7 @@ def step_response(model: BeamModel, parameters: dict[str, float], time: Array) -
     """Tip deflections (k, 3) after the step (48) at time 0, by modes slower than 400 rad/s."""
     system = model.assemble(parameters)
     A, B = state_matrices(system)
-    rest = np.linalg.solve(A, B @ VOLTAGE)                                   # -x_end
+    rest = np.linalg.solve(A, B @ VOLTAGE)  # -x_end
     eigenvalues, vectors = np.linalg.eig(A)
     amplitudes = np.linalg.solve(vectors, rest.astype(complex))
     slow = (np.abs(eigenvalues) < 400.0) & (eigenvalues.imag >= 0)
@@ -116,10 +174,12 @@ def misfit(model: BeamModel) -> Callable[[Array], float]:
         low, high = OSCILLATION
         outer = over[[0, 2]]
         outside = np.maximum(1.05 * low - outer, 0) + np.maximum(outer - 0.97 * high, 0)
-        residuals = [(over[1] / abs(end[1]) - OVERSHOOT) / 0.01,
-                     *(outside / 0.03e-3),
-                     (settling_time(time, y, end, 0.0) - SETTLING) / 0.2,
-                     *(np.log(ratios / PIEZO_RATIO) / 0.1)]
+        residuals = [
+            (over[1] / abs(end[1]) - OVERSHOOT) / 0.01,
+            *(outside / 0.03e-3),
+            (settling_time(time, y, end, 0.0) - SETTLING) / 0.2,
+            *(np.log(ratios / PIEZO_RATIO) / 0.1),
+        ]
         return float(np.sum(np.square(residuals)))
 
     return cost
@@ -131,8 +191,16 @@ def reconstruct(seed: int = 1, report: Callable[[str], None] = lambda text: None
     model = beam_model(structure, "clamped_free", 10)
     cost = misfit(model)
     result = differential_evolution(
-        cost, BOUNDS, seed=seed, popsize=12, maxiter=120, tol=1e-6, polish=False, init="sobol",
-        callback=lambda intermediate_result: report(f"misfit {intermediate_result.fun:.3f}"))
+        cost,
+        BOUNDS,
+        seed=seed,
+        popsize=12,
+        maxiter=120,
+        tol=1e-6,
+        polish=False,
+        init="sobol",
+        callback=lambda intermediate_result: report(f"misfit {intermediate_result.fun:.3f}"),
+    )
     if result.fun > 25.0:
         raise DesignError(f"the fit to the paper's facts ended at a misfit of {result.fun:.1f}, wanted <= 25")
     # Three digits are what a person would write down; the piezo ratios are then solved for these.
@@ -144,9 +212,16 @@ def reconstruct(seed: int = 1, report: Callable[[str], None] = lambda text: None
 
 ORIGIN = {  # of every value in the file
     "beam": {"length": "assumed", "width": "assumed", "thickness": "assumed", "density": "assumed"},
-    "patch": {"beam": "paper", "position": "assumed", "length": "datasheet", "width": "datasheet",
-              "thickness": "datasheet", "density": "datasheet", "youngs_modulus": "datasheet",
-              "electrode_distance": "paper"},
+    "patch": {
+        "beam": "paper",
+        "position": "assumed",
+        "length": "datasheet",
+        "width": "datasheet",
+        "thickness": "datasheet",
+        "density": "datasheet",
+        "youngs_modulus": "datasheet",
+        "electrode_distance": "paper",
+    },
     "spring": {"between": "paper"},
     "point_of_interest": {"beam": "paper", "position": "assumed"},
     "strain_gauge": {"beam": "assumed", "position": "assumed", "length": "datasheet"},
@@ -154,7 +229,7 @@ ORIGIN = {  # of every value in the file
 
 HEADER = """Three elastically coupled beams with four piezoelectric patch pairs, after Kater and Meurer (2019).
 A reconstruction: the text of the paper gives no geometry and none of the 37 identified parameters.
-Written by `python -m plant.reconstruction`; the origin of each value stands behind it.
+Written by `python -m flexbeams.plant.reconstruction`; the origin of each value stands behind it.
 """
 
 

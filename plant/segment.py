@@ -3,10 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from flexbeams.plant.basis import Array, symmetric_product
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
-
-from plant.basis import Array, symmetric_product
 
 _ENDS = 1e-9  # a cut nearer to another than this part of the length is the same cut
 
@@ -33,7 +32,7 @@ class SegmentBasis:
     """
 
     edges: tuple[float, ...]  # ends of the pieces, m
-    degree: int               # p >= 3, mean over the pieces
+    degree: int  # p >= 3, mean over the pieces
     bubbles: tuple[int, ...] = field(init=False, repr=False)  # on each piece
 
     def __post_init__(self) -> None:
@@ -94,11 +93,14 @@ def _shared_out(widths: Array, mean: int) -> tuple[int, ...]:
 def _on_piece(s: Array, bubbles: int, derivative: int) -> Array:
     """Hermite functions and bubbles in s, -1 ... 1 (k,); derivatives with respect to s; (k, 4 + bubbles)."""
     if derivative == 0:
-        hermite = [(2 - 3 * s + s**3) / 4, (1 - s - s**2 + s**3) / 4,
-                   (2 + 3 * s - s**3) / 4, (-1 - s + s**2 + s**3) / 4]
+        hermite = [
+            (2 - 3 * s + s**3) / 4,
+            (1 - s - s**2 + s**3) / 4,
+            (2 + 3 * s - s**3) / 4,
+            (-1 - s + s**2 + s**3) / 4,
+        ]
     elif derivative == 1:
-        hermite = [(-3 + 3 * s**2) / 4, (-1 - 2 * s + 3 * s**2) / 4,
-                   (3 - 3 * s**2) / 4, (-1 + 2 * s + 3 * s**2) / 4]
+        hermite = [(-3 + 3 * s**2) / 4, (-1 - 2 * s + 3 * s**2) / 4, (3 - 3 * s**2) / 4, (-1 + 2 * s + 3 * s**2) / 4]
     elif derivative == 2:
         hermite = [6 * s / 4, (-2 + 6 * s) / 4, -6 * s / 4, (2 + 6 * s) / 4]
     else:

@@ -1,18 +1,16 @@
 """First-order form, natural frequencies and static gains of the second-order system."""
 
 import numpy as np
+from flexbeams.plant.basis import Array
+from flexbeams.plant.galerkin import BeamModel, SecondOrderSystem
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular, svdvals
-
-from plant.basis import Array
-from plant.galerkin import BeamModel, SecondOrderSystem
 
 
 def state_matrices(system: SecondOrderSystem) -> tuple[Array, Array]:
     """A (2n, 2n) and B (2n, n_u) of (17), state (q, q')."""
     n = system.M.shape[0]
     factor = cho_factor(system.M, lower=True)
-    A = np.block([[np.zeros((n, n)), np.eye(n)],
-                  [-cho_solve(factor, system.K), -cho_solve(factor, system.D)]])
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-cho_solve(factor, system.K), -cho_solve(factor, system.D)]])
     B = np.vstack([np.zeros_like(system.L), cho_solve(factor, system.L)])
     return A, B
 

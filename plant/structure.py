@@ -5,11 +5,10 @@ from itertools import pairwise
 from os.path import isfile
 from pathlib import Path
 
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.validation import TABLE, Index, NonNegative, Positive, checked, read_toml
 from pydantic import Field
 from pydantic.dataclasses import dataclass
-
-from plant.errors import InputError, suggestion
-from plant.tables import TABLE, Index, NonNegative, Positive, checked, read_toml
 
 SHIPPED = Path(__file__).parent / "structures"
 _ROUNDING = 1e-12  # relative; parts that touch in decimals may overlap by a rounding error
@@ -19,13 +18,13 @@ _ROUNDING = 1e-12  # relative; parts that touch in decimals may overlap by a rou
 class Beam:
     """A clamped-free Euler-Bernoulli beam with a tip mass."""
 
-    length: Positive               # m
-    width: Positive                # m
-    thickness: Positive            # m
-    density: Positive              # kg/m^3
-    youngs_modulus: Positive       # Pa
-    tip_mass: NonNegative          # kg
-    viscous_damping: NonNegative   # gamma^v, N s/m^2
+    length: Positive  # m
+    width: Positive  # m
+    thickness: Positive  # m
+    density: Positive  # kg/m^3
+    youngs_modulus: Positive  # Pa
+    tip_mass: NonNegative  # kg
+    viscous_damping: NonNegative  # gamma^v, N s/m^2
     structural_damping: NonNegative  # gamma^sv, N s
 
     @property
@@ -43,17 +42,17 @@ class Beam:
 class Patch:
     """A pair of piezoelectric patches, one on the front and one on the back of a beam."""
 
-    beam: Index                    # which beam, counted from 1
-    position: NonNegative          # start of the pair from the clamp, m
-    length: Positive               # m
-    width: Positive                # m
-    thickness: Positive            # m
-    density: Positive              # kg/m^3
-    youngs_modulus: Positive       # Pa
-    viscous_damping: NonNegative   # N s/m^2
+    beam: Index  # which beam, counted from 1
+    position: NonNegative  # start of the pair from the clamp, m
+    length: Positive  # m
+    width: Positive  # m
+    thickness: Positive  # m
+    density: Positive  # kg/m^3
+    youngs_modulus: Positive  # Pa
+    viscous_damping: NonNegative  # N s/m^2
     structural_damping: NonNegative  # N s
-    piezo_ratio: Positive          # a11/beta of (9), C/m^2
-    electrode_distance: Positive   # e_s, m
+    piezo_ratio: Positive  # a11/beta of (9), C/m^2
+    electrode_distance: Positive  # e_s, m
 
     @property
     def end(self) -> float:
@@ -83,24 +82,24 @@ class Spring:
     """A spring between the tips of two beams."""
 
     between: tuple[Index, Index]  # beams, counted from 1
-    stiffness: Positive                                 # N/m
+    stiffness: Positive  # N/m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
 class PointOfInterest:
     """Where a deflection y_pi is controlled."""
 
-    beam: Index            # counted from 1
-    position: Positive     # m from the clamp
+    beam: Index  # counted from 1
+    position: Positive  # m from the clamp
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
 class StrainGauge:
     """Where a strain y_pm is measured: the mean over [position - length/2, position + length/2]."""
 
-    beam: Index            # counted from 1
-    position: Positive     # centre, m from the clamp
-    length: NonNegative    # m; 0: strain at the point
+    beam: Index  # counted from 1
+    position: Positive  # centre, m from the clamp
+    length: NonNegative  # m; 0: strain at the point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
@@ -130,39 +129,55 @@ class Structure:
         for k, patch in enumerate(self.patch, 1):
             beam = self._beam_of(f"patch[{k}]", patch.beam)
             if patch.end > beam.length * (1 + _ROUNDING):
-                raise InputError(f"patch[{k}].position", f"plus length must not pass the end of beam {patch.beam} "
-                                 f"({beam.length} m)", round(patch.end, 12))
+                raise InputError(
+                    f"patch[{k}].position",
+                    f"plus length must not pass the end of beam {patch.beam} ({beam.length} m)",
+                    round(patch.end, 12),
+                )
             if patch.width > beam.width:
-                raise InputError(f"patch[{k}].width", f"must not exceed the width of beam {patch.beam} "
-                                 f"({beam.width} m)", patch.width)
+                raise InputError(
+                    f"patch[{k}].width", f"must not exceed the width of beam {patch.beam} ({beam.width} m)", patch.width
+                )
         for k, point in enumerate(self.point_of_interest, 1):
             beam = self._beam_of(f"point_of_interest[{k}]", point.beam)
             if point.position > beam.length:
-                raise InputError(f"point_of_interest[{k}].position",
-                                 f"must lie on beam {point.beam} (0 ... {beam.length} m)", point.position)
+                raise InputError(
+                    f"point_of_interest[{k}].position",
+                    f"must lie on beam {point.beam} (0 ... {beam.length} m)",
+                    point.position,
+                )
         for k, gauge in enumerate(self.strain_gauge, 1):
             beam = self._beam_of(f"strain_gauge[{k}]", gauge.beam)
             half = gauge.length / 2
             slack = _ROUNDING * beam.length
             if gauge.position - half < -slack or gauge.position + half > beam.length + slack:
-                raise InputError(f"strain_gauge[{k}].position", f"with its length {gauge.length} m must lie on beam "
-                                 f"{gauge.beam} (0 ... {beam.length} m)", gauge.position)
+                raise InputError(
+                    f"strain_gauge[{k}].position",
+                    f"with its length {gauge.length} m must lie on beam {gauge.beam} (0 ... {beam.length} m)",
+                    gauge.position,
+                )
 
     def _check_overlaps(self) -> None:
         for j in range(1, len(self.beam) + 1):
             placed = sorted((p.position, p.end, k) for k, p in enumerate(self.patch, 1) if p.beam == j)
             for (_, end, first), (start, _, second) in pairwise(placed):
                 if start < end * (1 - _ROUNDING):  # 0.02 + 0.085 > 0.105 in doubles
-                    raise InputError(f"patch[{second}].position", f"must not overlap patch[{first}], which ends at "
-                                     f"{end:.6g} m", start)
+                    raise InputError(
+                        f"patch[{second}].position",
+                        f"must not overlap patch[{first}], which ends at {end:.6g} m",
+                        start,
+                    )
 
     def _check_springs(self) -> None:
         seen: set[tuple[int, int]] = set()
         for k, spring in enumerate(self.spring, 1):
             i, j = sorted(spring.between)
             if j > len(self.beam) or j - i != 1:
-                raise InputError(f"spring[{k}].between", f"must be two adjacent beams from 1 to {len(self.beam)}",
-                                 list(spring.between))
+                raise InputError(
+                    f"spring[{k}].between",
+                    f"must be two adjacent beams from 1 to {len(self.beam)}",
+                    list(spring.between),
+                )
             if (i, j) in seen:
                 raise InputError(f"spring[{k}].between", "must not repeat an earlier spring", list(spring.between))
             seen.add((i, j))
@@ -173,9 +188,12 @@ class Structure:
         The paper's structure has 3 x 5 + 4 x 5 + 2 = 37. Names as in the units: beam[1].density,
         patch[4].piezo_ratio, spring[2].stiffness.
         """
-        return {f"{part}[{k}].{name}": float(getattr(item, name))
-                for part, names in PARAMETERS.items()
-                for k, item in enumerate(getattr(self, part), 1) for name in names}
+        return {
+            f"{part}[{k}].{name}": float(getattr(item, name))
+            for part, names in PARAMETERS.items()
+            for k, item in enumerate(getattr(self, part), 1)
+            for name in names
+        }
 
     def with_parameters(self, values: dict[str, float]) -> "Structure":
         """A copy with the named parameters changed; InputError for an unknown name or a bad value."""

@@ -8,16 +8,15 @@ from typing import Any
 
 import fmpy
 import pytest
-
-from controller.design import Design, DesignOptions, compute_design
-from fmus.build import build_units
-from fmus.interface import UNITS
-from plant.structure import Structure, find_structure, read_structure
-from scenarios.settings import Settings
+from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.fmus.packaging.build import build_units
+from flexbeams.fmus.units.shipped import UNITS
+from flexbeams.plant.structure import Structure, find_structure, read_structure
+from flexbeams.scenarios.definition.settings import Settings
 
 STRUCTURES = ("single_beam", "kiel", "five_beams")
 # The connections of a closed loop, of instances feedforward, controller and plant
-LOOP_WIRES = '''[[connection]]
+LOOP_WIRES = """[[connection]]
 from = "feedforward.u_ff"
 to = "controller.u_ff"
 [[connection]]
@@ -29,7 +28,7 @@ to = "plant.u"
 [[connection]]
 from = "plant.y_pm"
 to = "controller.y_pm"
-'''
+"""
 
 Export = Callable[..., Path]
 
@@ -92,6 +91,7 @@ def once_each(write: Callable[[str, Path, Settings], Path], suffix: str, folders
             out = folders.mktemp("export") / f"{Path(scenario).stem}{suffix}"
             made[key] = write(scenario, out, Settings(frames=False, **settings))
         return made[key]
+
     return export
 
 
@@ -105,19 +105,23 @@ def at_run_folder(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def known_designs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs in this process take designs that the session has computed already."""
+
     def compute(structure: Structure, options: DesignOptions | None = None) -> Design:
         for name in STRUCTURES if options == DesignOptions() else ():
             if structure == read_structure(find_structure(name)):
                 return design_of(name)
         return compute_design(structure, options)
-    monkeypatch.setattr("scenarios.run.compute_design", compute)
+
+    monkeypatch.setattr("flexbeams.scenarios.runs.scenario.compute_design", compute)
 
 
 @pytest.fixture
 def write_scenario(tmp_path: Path) -> Callable[[str, str], Path]:
     """A function that writes a scenario file of a name with a text."""
+
     def write(name: str, text: str) -> Path:
         path = tmp_path / f"{name}.toml"
         path.write_text(text, encoding="utf-8")
         return path
+
     return write

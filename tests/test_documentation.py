@@ -39,8 +39,15 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def flexbeams(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own, as a reader would type it."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-m", "scenarios.cli", *arguments], cwd=folder, env=environment,
-                          capture_output=True, text=True, timeout=600, check=False)
+    return subprocess.run(
+        [sys.executable, "-m", "flexbeams.scenarios.cli.main", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
 
 
 @pytest.mark.parametrize(("place", "line"), commands(), ids=lambda v: v[:60] if "#" in v else "")
@@ -57,13 +64,14 @@ def test_python_example_runs(place: str, text: str, workshop: Path) -> None:
     if "libcosim" in text:
         pytest.importorskip("libcosimpy")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", text], cwd=workshop, env=environment, capture_output=True, text=True,
-                          check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", text], cwd=workshop, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, f"{place}: {done.stderr}"
 
 
 def test_structure_example_is_a_structure(tmp_path: Path) -> None:
-    from plant.structure import read_structure
+    from flexbeams.plant.structure import read_structure
 
     text = next(text for place, text in blocks("toml") if place.startswith("plant/"))
     path = tmp_path / "example.toml"
@@ -74,15 +82,16 @@ def test_structure_example_is_a_structure(tmp_path: Path) -> None:
 def test_design_options_example_has_the_defaults() -> None:
     import tomllib
 
-    from controller.design import DesignOptions
-    from plant.tables import checked
+    from flexbeams.controller.design import DesignOptions
+    from flexbeams.plant.validation import checked
 
     text = next(text for place, text in blocks("toml") if place.startswith("controller/"))
     assert checked(DesignOptions, tomllib.loads(text)["design"], "controller/README.md") == DesignOptions()
 
 
-@pytest.mark.parametrize(("place", "text"), [b for b in blocks("toml") if b[0].startswith("scenarios/")],
-                         ids=lambda v: v if "#" in v else "")
+@pytest.mark.parametrize(
+    ("place", "text"), [b for b in blocks("toml") if b[0].startswith("scenarios/")], ids=lambda v: v if "#" in v else ""
+)
 def test_scenario_example_runs(place: str, text: str, workshop: Path) -> None:
     path = workshop / "sweep.toml"
     path.write_text(text)

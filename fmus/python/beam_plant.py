@@ -6,11 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
+from flexbeams.fmus.python.slave import Unit, UnitError
+from flexbeams.plant.energy import discretise, energy_form
+from flexbeams.plant.errors import DesignError
 from numpy.typing import NDArray
-
-from fmus.python.slave import Unit, UnitError
-from plant.energy import discretise, energy_form
-from plant.errors import DesignError
 
 _MASK = 2**64 - 1
 _MAY_VANISH = ("tip_mass", "viscous_damping", "structural_damping")
@@ -37,13 +36,13 @@ class BeamPlant(Unit):
     def setup(self) -> None:
         """Views of the variables; the state is x = (R_K' q, R_M' q')."""
         self._u = self.view("u")
-        self._inputs = self.values[self.span("u").start:self.span("force").stop]
+        self._inputs = self.values[self.span("u").start : self.span("force").stop]
         # y_pi, y_pm and w stand side by side, so one product fills them
-        self._shown = self.values[self.span("y_pi").start:self.span("w").stop]
+        self._shown = self.values[self.span("y_pi").start : self.span("w").stop]
         self._y_pm = self.view("y_pm")
         self._energy, self._deviation = self.view("energy"), self.view("strain_noise_std")
         self._x = self.state_array("x", 2 * int(self.meta["size"]))
-        self._q = self._x[:len(self._x) // 2]
+        self._q = self._x[: len(self._x) // 2]
         self._built: bytes = b""
         self._steps: dict[float, NDArray[np.float64]] = {}
 
@@ -51,8 +50,10 @@ class BeamPlant(Unit):
         """At rest under the given voltages."""
         self._build()
         n = len(self._x) // 2
-        self._x[:n] = np.linalg.solve(self._form.position.T @ self._K @ self._form.position,
-                                      self._form.position.T @ (self._L @ self.view("start_at_rest_under")))
+        self._x[:n] = np.linalg.solve(
+            self._form.position.T @ self._K @ self._form.position,
+            self._form.position.T @ (self._L @ self.view("start_at_rest_under")),
+        )
         self._x[n:] = 0.0
         self._put_out(self.values[0])
 
@@ -84,15 +85,20 @@ class BeamPlant(Unit):
         if (key := np.array(list(parameters.values())).tobytes()) == self._built:
             return
         n = int(self.meta["size"])
-        matrices: dict[str, Any] = {"M": np.zeros((n, n)), "D": np.zeros((n, n)), "K": np.zeros((n, n)),
-                                    "L": np.zeros((n, len(self._u)))}
+        matrices: dict[str, Any] = {
+            "M": np.zeros((n, n)),
+            "D": np.zeros((n, n)),
+            "K": np.zeros((n, n)),
+            "L": np.zeros((n, len(self._u))),
+        }
         for k, (name, matrix, start, column) in enumerate(self.meta["terms"]):
             block = self.data[f"term_{k}"]
             rows = slice(start, start + len(block))
             matrices[matrix][rows, slice(column, column + 1) if matrix == "L" else rows] += parameters[name] * block
         try:
-            self._form = energy_form(matrices["M"], matrices["D"], matrices["K"],
-                                     np.hstack([matrices["L"], self.data["tips"].T]))
+            self._form = energy_form(
+                matrices["M"], matrices["D"], matrices["K"], np.hstack([matrices["L"], self.data["tips"].T])
+            )
         except DesignError as error:
             raise UnitError(str(error)) from None
         self._K, self._L = matrices["K"], matrices["L"]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from flexbeams.controller.planner import InputShapes, Motion, plan_transition
+from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.fmus.python.slave import Unit, UnitError
 
-from controller.planner import InputShapes, Motion, plan_transition
-from controller.transition import Transition, derivative_scales
-from fmus.python.slave import Unit, UnitError
-
-SLOTS = 8          # transitions under way at once
-ROUNDING = 1e-12   # m: a host that interpolates a constant target moves it by less
+SLOTS = 8  # transitions under way at once
+ROUNDING = 1e-12  # m: a host that interpolates a constant target moves it by less
 
 
 class FlatnessFeedforward(Unit):
@@ -32,7 +31,7 @@ class FlatnessFeedforward(Unit):
         self._durations = self.state_array("durations", SLOTS)
         self._steps = self.state_array("steps", (SLOTS, self._n_u))
         self._preview = self.view("preview")
-        self._at_rest = False   # the outputs are those of the offset alone
+        self._at_rest = False  # the outputs are those of the offset alone
 
     def initialise(self) -> None:
         """At rest at the first target."""
@@ -41,8 +40,10 @@ class FlatnessFeedforward(Unit):
         self._offset[:] = self.data["static_inverse"] @ self._target
         peak = float(np.max(np.abs(self._offset)))
         if peak > self.view("voltage_limit")[0]:
-            raise UnitError(f"y_target is out of reach: it takes {peak:.1f} V at rest, voltage_limit is "
-                            f"{self.view('voltage_limit')[0]:.1f} V")
+            raise UnitError(
+                f"y_target is out of reach: it takes {peak:.1f} V at rest, voltage_limit is "
+                f"{self.view('voltage_limit')[0]:.1f} V"
+            )
         self.view("planned_peak")[0] = peak
         self._at_rest = False
         self._evaluate(self.values[0] + self._preview[0])
@@ -60,8 +61,9 @@ class FlatnessFeedforward(Unit):
 
     def _motion(self) -> Motion:
         k = int(self._count[0])
-        return Motion(offset=self._offset, starts=self._starts[:k], durations=self._durations[:k],
-                      steps=self._steps[:k])
+        return Motion(
+            offset=self._offset, starts=self._starts[:k], durations=self._durations[:k], steps=self._steps[:k]
+        )
 
     def _plan(self, time: float) -> None:
         motion = self._motion()
@@ -74,12 +76,16 @@ class FlatnessFeedforward(Unit):
         self.view("planned_peak")[0] = plan.peak
         if plan.duration == 0:
             place = "at rest" if plan.at_rest > limit else "on the way"
-            self.warn(f"y_target at {time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, voltage_limit is "
-                      f"{limit:.1f} V; the target before is held")
+            self.warn(
+                f"y_target at {time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, voltage_limit is "
+                f"{limit:.1f} V; the target before is held"
+            )
             return
         if plan.duration > wanted:
-            self.note(f"the transition at {time:.6g} s is stretched from {wanted:.4g} s to {plan.duration:.4g} s "
-                      f"to stay within {limit:.1f} V")
+            self.note(
+                f"the transition at {time:.6g} s is stretched from {wanted:.4g} s to {plan.duration:.4g} s "
+                f"to stay within {limit:.1f} V"
+            )
         self.view("planned_time")[0] = plan.duration
         slot = int(self._count[0])
         self._starts[slot], self._durations[slot], self._steps[slot] = time, plan.duration, change

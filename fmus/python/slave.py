@@ -25,12 +25,11 @@ from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
+from flexbeams.fmus.python.snapshot import pack_state, unpack_state
+from flexbeams.fmus.python.tables import read_tables
 from numpy.typing import DTypeLike, NDArray
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
-
-from fmus.python.snapshot import pack_state, unpack_state
-from fmus.python.tables import read_tables
 
 Value = TypeVar("Value")
 Arguments = ParamSpec("Arguments")
@@ -280,7 +279,7 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
         """Change phase. The caches hold only calls that need no check in this phase."""
         self._phase = phase
         self._readable: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}
-        self._readable_booleans: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}   # the same of Booleans
+        self._readable_booleans: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}  # the same of Booleans
         self._writable: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}
 
     def _refresh(self) -> None:

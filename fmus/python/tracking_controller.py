@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from flexbeams.fmus.python.slave import Unit
 from numpy.typing import NDArray
-
-from fmus.python.slave import Unit
 
 
 class TrackingController(Unit):
@@ -17,7 +16,7 @@ class TrackingController(Unit):
         self._u, self._y_est, self._x_est = self.view("u"), self.view("y_est"), self.view("x_est")
         self._feedback, self._integral_gain = self.view("feedback"), self.view("integral_gain")
         self._limit, self._saturated = self.view("voltage_limit"), self.view("saturated")
-        self._signals = self.values[self.span("y_pm").start:self.span("x_est").stop]
+        self._signals = self.values[self.span("y_pm").start : self.span("x_est").stop]
         data, n_u = self.data, len(self._u)
         A_d, B_d, H_pm, D_pm = data["A_d"], data["B_d"], data["H_pm"], data["D_pm"]
         self._H_pi, self._D_pi = data["H_pi"], data["D_pi"]
@@ -25,12 +24,15 @@ class TrackingController(Unit):
         # (45) with the DC gain's pseudo-inverse: that gain is negative, a positive scalar would destabilise
         G = data["static_inverse"]
         self._predict = self._side_by_side(x_est=A_d - L @ H_pm, u=B_d - L @ D_pm, y_pm=L)
-        self._regulate = np.vstack([
-            self._side_by_side(x_ref=K, x_est=-K, u_ff=np.eye(n_u)),
-            self._side_by_side(x_ref=G @ self._H_pi, x_est=-G @ self._H_pi, u_ff=G @ self._D_pi, u=-G @ self._D_pi)])
-        self._integral = self.state_array("integral", n_u)               # V
-        self._tick = self.state_array("tick", 1, np.int64)               # ticks run since the start
-        self._start = self.state_array("start", 1)                       # s
+        self._regulate = np.vstack(
+            [
+                self._side_by_side(x_ref=K, x_est=-K, u_ff=np.eye(n_u)),
+                self._side_by_side(x_ref=G @ self._H_pi, x_est=-G @ self._H_pi, u_ff=G @ self._D_pi, u=-G @ self._D_pi),
+            ]
+        )
+        self._integral = self.state_array("integral", n_u)  # V
+        self._tick = self.state_array("tick", 1, np.int64)  # ticks run since the start
+        self._start = self.state_array("start", 1)  # s
 
     def _side_by_side(self, **parts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The matrix that applies each part to the variable of its name among the unit's signals."""
@@ -38,7 +40,7 @@ class TrackingController(Unit):
         first = self.span("y_pm").start
         for name, part in parts.items():
             span = self.span(name)
-            matrix[:, span.start - first:span.stop - first] = part
+            matrix[:, span.start - first : span.stop - first] = part
         return matrix
 
     def initialise(self) -> None:

@@ -3,13 +3,15 @@
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
-from plant.errors import InputError, suggestion
-from scenarios.masters import container, ecos, fmpy_ssp, libcosim, pathsim_, runner, sofirpy_
-from scenarios.masters.trace import Master
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.masters import container, ecos, fmpy_ssp, libcosim, pathsim_, runner, sofirpy_
+from flexbeams.scenarios.masters.trace import Master
 
 RUNNER = runner.MASTER
-MASTERS = {m.name: m for m in (fmpy_ssp.MASTER, libcosim.MASTER, ecos.MASTER, container.MASTER, pathsim_.MASTER,
-                               sofirpy_.MASTER)}
+MASTERS = {
+    m.name: m
+    for m in (fmpy_ssp.MASTER, libcosim.MASTER, ecos.MASTER, container.MASTER, pathsim_.MASTER, sofirpy_.MASTER)
+}
 
 
 def find_master(name: str) -> Master:

@@ -6,26 +6,41 @@ import time
 from pathlib import Path
 
 import numpy as np
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.masters.tasks import private_folder
+from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
+from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
 from fmpy import extract, read_model_description
 
-from plant.basis import Array
-from scenarios.instance import UnitFailure, UnitInstance
-from scenarios.masters.tasks import private_folder
-from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
-
 FAULTS = (
-    Fault(name="no outputs", what="The container of an SSP shows no output of its units. Those to record are added to "
-          "what was read, before the container is made."),
-    Fault(name="lost names", what="Components go by the names of their files. They are told apart by their order, "
-          "which is the package's."),
-    Fault(name="names twice", what="A connection is a local variable named after the file in small letters, which may "
-          "be a component's name too. Of two variables of a name the last is the output."),
-    Fault(name="deaf to the package", what="Parameter sets and the step of the package are ignored. Start values are "
-          "the units' own anyway; the step is handed over."),
-    Fault(name="units beside the package", what="The package is unpacked where it lies, and its units are then looked "
-          "for in the working folder. It is copied to a folder that is removed."),
-    Fault(name="no reason", what="Why a unit refuses a call is lost, messages arrive as an unfilled `%s`. That it "
-          "does so is noticed."),
+    Fault(
+        name="no outputs",
+        what="The container of an SSP shows no output of its units. Those to record are added to "
+        "what was read, before the container is made.",
+    ),
+    Fault(
+        name="lost names",
+        what="Components go by the names of their files. They are told apart by their order, which is the package's.",
+    ),
+    Fault(
+        name="names twice",
+        what="A connection is a local variable named after the file in small letters, which may "
+        "be a component's name too. Of two variables of a name the last is the output.",
+    ),
+    Fault(
+        name="deaf to the package",
+        what="Parameter sets and the step of the package are ignored. Start values are "
+        "the units' own anyway; the step is handed over.",
+    ),
+    Fault(
+        name="units beside the package",
+        what="The package is unpacked where it lies, and its units are then looked "
+        "for in the working folder. It is copied to a folder that is removed.",
+    ),
+    Fault(
+        name="no reason",
+        what="Why a unit refuses a call is lost, messages arrive as an unfilled `%s`. That it does so is noticed.",
+    ),
 )
 
 
@@ -37,7 +52,7 @@ def simulate(task: Task) -> Trace:
     """Runs an SSP; recording takes a call a step."""
     from fmu_manipulation_toolbox import assembly  # noqa: F401  (not part of the loading)
 
-    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)   # it raises what matters
+    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)  # it raises what matters
     begin = time.perf_counter()
     with private_folder() as folder, _loaded(_container(task, folder), folder / "container") as unit:
         row = np.zeros(len(task.signals))
@@ -55,8 +70,13 @@ def simulate(task: Task) -> Trace:
                 unit.read()
                 values[k + 1] = row
         done = time.perf_counter()
-    return Trace(time=step_times(task.step, 0, len(values)), columns=list(task.signals), values=values,
-                 loading=loaded - begin, stepping=done - loaded)
+    return Trace(
+        time=step_times(task.step, 0, len(values)),
+        columns=list(task.signals),
+        values=values,
+        loading=loaded - begin,
+        stepping=done - loaded,
+    )
 
 
 def _container(task: Task, folder: Path) -> Path:
@@ -80,12 +100,19 @@ def _container(task: Task, folder: Path) -> Path:
 
 def _loaded(file: Path, folder: Path) -> UnitInstance:
     extract(str(file), str(folder))
-    description = read_model_description(str(folder), validate=False)   # which refuses names that are there twice
+    description = read_model_description(str(folder), validate=False)  # which refuses names that are there twice
     try:
         return UnitInstance("container", folder, description, lambda text: None)
     except UnitFailure:
         raise ContainerError("a unit of the container refused to be loaded or to instantiate") from None
 
 
-MASTER = Master(name="FMUContainer", distribution="fmu-manipulation-toolbox", module="fmu_manipulation_toolbox",
-                coupling="jacobi", late=False, faults=FAULTS, simulate=simulate)
+MASTER = Master(
+    name="FMUContainer",
+    distribution="fmu-manipulation-toolbox",
+    module="fmu_manipulation_toolbox",
+    coupling="jacobi",
+    late=False,
+    faults=FAULTS,
+    simulate=simulate,
+)

@@ -6,29 +6,49 @@ from importlib.metadata import PackageNotFoundError, files
 from typing import Any
 
 import numpy as np
-
-from plant.basis import Array
-from scenarios.masters.tasks import private_folder
-from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.masters.tasks import private_folder
+from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 _TBB = "libtbb.so.12"
 FAULTS = (
-    Fault(name="missing library", what="On Linux it needs libtbb.so.12, which it does not bring along. The one of the "
-          "wheel `tbb` is loaded first, where the system has none."),
-    Fault(name="six decimals", what="Its CSV files hold six decimals, four digits of a deflection. Values are read "
-          "after every step by get_real, which is exact."),
-    Fault(name="accumulated time", what="Steps are added up, so that units are told times that are off in the last "
-          "digits: 1e-12 in what the feedforward plans. Rows are counted."),
-    Fault(name="blind to refusals", what="That a unit refuses to be instantiated or stepped is not noticed, its "
-          "outputs stay as they are. The time that each unit has reached is read in the end."),
-    Fault(name="crash on loading", what="A unit whose library cannot be loaded ends the process. It runs in one of its "
-          "own."),
-    Fault(name="folders left behind", what="The extracted package stays in the folder for temporary files. It goes to "
-          "one that is removed."),
-    Fault(name="kept descriptions", what="0.2 MB stay allocated for every package of this size that is loaded, stepped "
-          "or not. Nothing can be done about it but to reset a simulation rather than to load it again."),
-    Fault(name="threads", what="Units are stepped on threads, which costs as much as these units do. Its process "
-          "keeps to one core."),
+    Fault(
+        name="missing library",
+        what="On Linux it needs libtbb.so.12, which it does not bring along. The one of the "
+        "wheel `tbb` is loaded first, where the system has none.",
+    ),
+    Fault(
+        name="six decimals",
+        what="Its CSV files hold six decimals, four digits of a deflection. Values are read "
+        "after every step by get_real, which is exact.",
+    ),
+    Fault(
+        name="accumulated time",
+        what="Steps are added up, so that units are told times that are off in the last "
+        "digits: 1e-12 in what the feedforward plans. Rows are counted.",
+    ),
+    Fault(
+        name="blind to refusals",
+        what="That a unit refuses to be instantiated or stepped is not noticed, its "
+        "outputs stay as they are. The time that each unit has reached is read in the end.",
+    ),
+    Fault(
+        name="crash on loading",
+        what="A unit whose library cannot be loaded ends the process. It runs in one of its own.",
+    ),
+    Fault(
+        name="folders left behind",
+        what="The extracted package stays in the folder for temporary files. It goes to one that is removed.",
+    ),
+    Fault(
+        name="kept descriptions",
+        what="0.2 MB stay allocated for every package of this size that is loaded, stepped "
+        "or not. Nothing can be done about it but to reset a simulation rather than to load it again.",
+    ),
+    Fault(
+        name="threads",
+        what="Units are stepped on threads, which costs as much as these units do. Its process keeps to one core.",
+    ),
 )
 
 
@@ -61,15 +81,20 @@ def simulate(task: Task) -> Trace:
         for component in task.components:
             _require_end(component, _time(simulation, component), task)
         simulation.terminate()
-    return Trace(time=step_times(task.step, 0, len(values)), columns=list(task.signals), values=values,
-                 loading=loaded - begin, stepping=done - loaded)
+    return Trace(
+        time=step_times(task.step, 0, len(values)),
+        columns=list(task.signals),
+        values=values,
+        loading=loaded - begin,
+        stepping=done - loaded,
+    )
 
 
 def _time(simulation: Any, component: str) -> float:
     """The time that a unit has reached; that of the simulation where it has no variable for it."""
     try:
         return float(simulation.get_real(f"{component}::time"))
-    except Exception:   # the only type that ecospy raises
+    except Exception:  # the only type that ecospy raises
         return float(simulation.get_time())
 
 
@@ -91,5 +116,13 @@ def _load_tbb() -> None:
             ctypes.CDLL(str(path), ctypes.RTLD_GLOBAL)
 
 
-MASTER = Master(name="Ecos", distribution="ecospy", module="ecospy", coupling="jacobi", late=False, faults=FAULTS,
-                simulate=simulate, kept=250_000)
+MASTER = Master(
+    name="Ecos",
+    distribution="ecospy",
+    module="ecospy",
+    coupling="jacobi",
+    late=False,
+    faults=FAULTS,
+    simulate=simulate,
+    kept=250_000,
+)

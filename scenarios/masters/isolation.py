@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from plant.archive import read_arrays
-from scenarios.child_process import python_command, python_environment
-from scenarios.masters.catalogue import find_master
-from scenarios.masters.tasks import read_task
-from scenarios.masters.trace import Task, Trace
+from flexbeams.plant.archive import read_arrays
+from flexbeams.scenarios.masters.catalogue import find_master
+from flexbeams.scenarios.masters.tasks import read_task
+from flexbeams.scenarios.masters.trace import Task, Trace
+from flexbeams.scenarios.processes.children import python_command, python_environment
 
 
 class MasterError(RuntimeError):
@@ -32,13 +31,19 @@ class Cycles:
     """Traces of some packages, of their first run, and what running all of them again and again did."""
 
     traces: list[Trace]
-    repeated: bool               # every later run gave the same values, bit by bit
+    repeated: bool  # every later run gave the same values, bit by bit
     stepping: list[list[float]]  # s, of each task in each cycle
-    resident: list[int]          # bytes of memory in use after each cycle; empty where the system does not tell
+    resident: list[int]  # bytes of memory in use after each cycle; empty where the system does not tell
 
 
-def run_master(name: str, file: Path, *, stop_time: float | None = None, step: float | None = None,
-               signals: Sequence[str] | None = None) -> Trace:
+def run_master(
+    name: str,
+    file: Path,
+    *,
+    stop_time: float | None = None,
+    step: float | None = None,
+    signals: Sequence[str] | None = None,
+) -> Trace:
     """Runs an SSP by the master of a name, for as long and with the step that the package says where none is given.
 
     Records the Real outputs `signals` (<component>.<variable>), all where none are named. Raises InputError for a
@@ -51,11 +56,21 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
     """Runs tasks one after another in one process on one core, all of them `cycles` times; errors as of a run."""
     find_master(name)
     with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as folder:
-        request = {"master": name, "cycles": cycles, "folder": folder,
-                   "tasks": [{**asdict(task), "file": str(task.file.resolve())} for task in tasks]}
+        request = {
+            "master": name,
+            "cycles": cycles,
+            "folder": folder,
+            "tasks": [{**asdict(task), "file": str(task.file.resolve())} for task in tasks],
+        }
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
-        done = subprocess.run(python_command("-m", "scenarios.masters.isolation"), input=json.dumps(request),
-                              text=True, capture_output=True, check=False, env=python_environment() | temporary)
+        done = subprocess.run(
+            python_command("-m", "scenarios.masters.isolation"),
+            input=json.dumps(request),
+            text=True,
+            capture_output=True,
+            check=False,
+            env=python_environment() | temporary,
+        )
         result = Path(folder) / "result.json"
         if done.returncode or not result.is_file():
             said = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]
@@ -67,11 +82,13 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
 
 def serve(request: dict[str, Any]) -> None:
     """Runs what a request asks for and leaves the traces of the first cycle and result.json in its folder."""
-    if hasattr(os, "sched_setaffinity"):   # more threads than one make such small units wait for each other
+    if hasattr(os, "sched_setaffinity"):  # more threads than one make such small units wait for each other
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     simulate, folder = find_master(request["master"]).simulate, Path(request["folder"])
-    tasks = [Task(**{**task, "file": Path(task["file"]), **{k: tuple(task[k]) for k in ("components", "signals")}})
-             for task in request["tasks"]]
+    tasks = [
+        Task(**{**task, "file": Path(task["file"]), **{k: tuple(task[k]) for k in ("components", "signals")}})
+        for task in request["tasks"]
+    ]
     first = [simulate(task) for task in tasks]
     stepping, resident, repeated = [[trace.stepping for trace in first]], [resident_bytes()], True
     for _ in range(request["cycles"] - 1):
@@ -80,10 +97,17 @@ def serve(request: dict[str, Any]) -> None:
         stepping.append([trace.stepping for trace in again])
         resident.append(resident_bytes())
     for k, trace in enumerate(first):
-        np.savez(folder / f"{k}.npz", time=trace.time, columns=np.array(trace.columns, dtype=str), values=trace.values,
-                 stepping=trace.stepping, loading=np.nan if trace.loading is None else trace.loading)
-    (folder / "result.json").write_text(json.dumps(
-        {"repeated": repeated, "stepping": stepping, "resident": [r for r in resident if r is not None]}))
+        np.savez(
+            folder / f"{k}.npz",
+            time=trace.time,
+            columns=np.array(trace.columns, dtype=str),
+            values=trace.values,
+            stepping=trace.stepping,
+            loading=np.nan if trace.loading is None else trace.loading,
+        )
+    (folder / "result.json").write_text(
+        json.dumps({"repeated": repeated, "stepping": stepping, "resident": [r for r in resident if r is not None]})
+    )
 
 
 def resident_bytes() -> int | None:
@@ -101,8 +125,13 @@ def resident_bytes() -> int | None:
 def _read_trace(file: Path) -> Trace:
     arrays = read_arrays(file)
     loading = float(arrays["loading"])
-    return Trace(time=arrays["time"], columns=list(map(str, arrays["columns"])), values=arrays["values"],
-                 stepping=float(arrays["stepping"]), loading=None if np.isnan(loading) else loading)
+    return Trace(
+        time=arrays["time"],
+        columns=list(map(str, arrays["columns"])),
+        values=arrays["values"],
+        stepping=float(arrays["stepping"]),
+        loading=None if np.isnan(loading) else loading,
+    )
 
 
 if __name__ == "__main__":

@@ -4,22 +4,32 @@ import time
 from typing import Any
 
 import numpy as np
-
-from plant.basis import Array
-from scenarios.masters.tasks import private_folder
-from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
-from scenarios.ssp_import import is_package
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.importing.ssp import is_package
+from flexbeams.scenarios.masters.tasks import private_folder
+from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
-    Fault(name="no reason", what="What is wrong with a package that cannot be loaded is not said. The library's last "
-          "message says it."),
-    Fault(name="lost last sample", what="Samples of step 0 count as empty, so that a series read from the start on "
-          "lacks its last one. The first sample is read on its own."),
+    Fault(
+        name="no reason",
+        what="What is wrong with a package that cannot be loaded is not said. The library's last message says it.",
+    ),
+    Fault(
+        name="lost last sample",
+        what="Samples of step 0 count as empty, so that a series read from the start on "
+        "lacks its last one. The first sample is read on its own.",
+    ),
     Fault(name="short memory", what="A series of no given length keeps the last 10000 samples. The length is given."),
-    Fault(name="complaint about time", what="Its FMI library logs `Start attribute is required` for the independent "
-          "variable, which must have none. Harmless; logged from level fatal on."),
-    Fault(name="threads", what="Units are stepped on threads, which costs several times what these units do. Its "
-          "process keeps to one core."),
+    Fault(
+        name="complaint about time",
+        what="Its FMI library logs `Start attribute is required` for the independent "
+        "variable, which must have none. Harmless; logged from level fatal on.",
+    ),
+    Fault(
+        name="threads",
+        what="Units are stepped on threads, which costs several times what these units do. Its "
+        "process keeps to one core.",
+    ),
 )
 
 
@@ -46,8 +56,12 @@ def simulate(task: Task) -> Trace:
         except AssertionError:
             raise CosimError(get_last_error_message()) from None
         slaves = {slave.name.decode(): slave.index for slave in execution.slave_infos()}
-        references = {f"{name}.{v.name.decode()}": (index, v.reference) for name, index in slaves.items()
-                      for v in execution.slave_variables(index) if v.type == CosimVariableType.REAL.value}
+        references = {
+            f"{name}.{v.name.decode()}": (index, v.reference)
+            for name, index in slaves.items()
+            for v in execution.slave_variables(index)
+            if v.type == CosimVariableType.REAL.value
+        }
         observer = CosimObserver.create_time_series(task.steps + 1)
         execution.add_observer(observer)
         for name in task.signals:
@@ -58,18 +72,31 @@ def simulate(task: Task) -> Trace:
         if not stepped:
             raise CosimError(get_last_error_message())
         values = np.array([_samples(observer, *references[name], task.steps) for name in task.signals])
-    return Trace(time=step_times(task.step, 0, task.steps + 1), columns=list(task.signals),
-                 values=values.reshape(-1, task.steps + 1).T, loading=loaded - begin, stepping=done - loaded)
+    return Trace(
+        time=step_times(task.step, 0, task.steps + 1),
+        columns=list(task.signals),
+        values=values.reshape(-1, task.steps + 1).T,
+        loading=loaded - begin,
+        stepping=done - loaded,
+    )
 
 
 def _samples(observer: Any, slave: int, reference: int, steps: int) -> Array:
     """A series from step 0 on with its last sample, (steps + 1,)."""
-    parts = [observer.time_series_real_samples(slave, reference, first, count)[1:]
-             for first, count in ((0, 2), (1, steps))]
+    parts = [
+        observer.time_series_real_samples(slave, reference, first, count)[1:] for first, count in ((0, 2), (1, steps))
+    ]
     numbers, values = (np.concatenate(both) for both in zip(*parts, strict=True))
     assert np.array_equal(numbers, np.arange(steps + 1))
     return values
 
 
-MASTER = Master(name="libcosim", distribution="libcosimpy", module="libcosimpy", coupling="jacobi", late=False,
-                faults=FAULTS, simulate=simulate)
+MASTER = Master(
+    name="libcosim",
+    distribution="libcosimpy",
+    module="libcosimpy",
+    coupling="jacobi",
+    late=False,
+    faults=FAULTS,
+    simulate=simulate,
+)

@@ -5,18 +5,23 @@ import time
 from typing import Any
 
 import numpy as np
-
-from plant.basis import Array
-from scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
-from scenarios.masters.trace import Fault, Master, Task, Trace, step_times
-from scenarios.ssp_import import Package
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.importing.ssp import Package
+from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
+from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
     NO_SSP,
-    Fault(name="Boolean outputs", what="Every output is read as Real, which units with Boolean or Integer outputs "
-          "refuse. Its map of outputs is cut down to the Real ones."),
-    Fault(name="early labels", what="Units step at the beginning of a step of the simulation: what is recorded at a "
-          "time holds the values a step later. Times are shifted by a step."),
+    Fault(
+        name="Boolean outputs",
+        what="Every output is read as Real, which units with Boolean or Integer outputs "
+        "refuse. Its map of outputs is cut down to the Real ones.",
+    ),
+    Fault(
+        name="early labels",
+        what="Units step at the beginning of a step of the simulation: what is recorded at a "
+        "time holds the values a step later. Times are shifted by a step.",
+    ),
     FOLDERS_LEFT,
     Fault(name="late release", what="Units are freed by the garbage collector only. It is called after the run."),
 )
@@ -37,8 +42,13 @@ def simulate(task: Task) -> Trace:
             values[:, places] = scope.read()[1].T
         del simulation, scopes
         gc.collect()
-    return Trace(time=step_times(task.step, 1, len(values)), columns=list(task.signals), values=values,
-                 loading=loaded - begin, stepping=done - loaded)
+    return Trace(
+        time=step_times(task.step, 1, len(values)),
+        columns=list(task.signals),
+        values=values,
+        loading=loaded - begin,
+        stepping=done - loaded,
+    )
 
 
 def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int], Any]]]:
@@ -50,24 +60,32 @@ def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int],
     original = fmu_blocks.FMUWrapper
     fmu_blocks.FMUWrapper = _wrapper_of_reals(original)
     try:
-        blocks = {name: fmu_blocks.CoSimulationFMU(str(component.fmu), name, dt=task.step)
-                  for name, component in package.components.items()}
+        blocks = {
+            name: fmu_blocks.CoSimulationFMU(str(component.fmu), name, dt=task.step)
+            for name, component in package.components.items()
+        }
     finally:
         fmu_blocks.FMUWrapper = original
-    connections = [Connection(blocks[start][[output for output, _ in wires]], blocks[end][[i for _, i in wires]])
-                   for (start, end), wires in wires_by_pair(package).items()]
+    connections = [
+        Connection(blocks[start][[output for output, _ in wires]], blocks[end][[i for _, i in wires]])
+        for (start, end), wires in wires_by_pair(package).items()
+    ]
     scopes = []
     for name, block in blocks.items():
         places = [k for k, signal in enumerate(task.signals) if signal.startswith(f"{name}.")]
         if places:
             scopes.append((places, Scope()))
-            connections.append(Connection(block[[task.signals[k].partition(".")[2] for k in places]],
-                                          scopes[-1][1][list(range(len(places)))]))
+            connections.append(
+                Connection(
+                    block[[task.signals[k].partition(".")[2] for k in places]], scopes[-1][1][list(range(len(places)))]
+                )
+            )
     return Simulation([*blocks.values(), *(scope for _, scope in scopes)], connections, dt=task.step, log=False), scopes
 
 
 def _wrapper_of_reals(wrapper: Any) -> Any:
     """pathsim-fmi's wrapper of a unit without outputs and inputs of other types."""
+
     class RealWrapper(wrapper):  # type: ignore[misc]
         def _build_variable_maps(self) -> None:
             super()._build_variable_maps()
@@ -78,5 +96,12 @@ def _wrapper_of_reals(wrapper: Any) -> Any:
     return RealWrapper
 
 
-MASTER = Master(name="PathSim", distribution="pathsim-fmi", module="pathsim_fmi", coupling="gauss-seidel", late=False,
-                faults=FAULTS, simulate=simulate)
+MASTER = Master(
+    name="PathSim",
+    distribution="pathsim-fmi",
+    module="pathsim_fmi",
+    coupling="gauss-seidel",
+    late=False,
+    faults=FAULTS,
+    simulate=simulate,
+)

@@ -2,23 +2,41 @@
 
 import time
 
-from scenarios.masters.trace import Master, Task, Trace
+from flexbeams.scenarios.masters.trace import Master, Task, Trace
 
 
 def simulate(task: Task) -> Trace:
     """Runs an SSP with the coupling that it asks for; without signals only the first and the last row are recorded."""
-    from scenarios.settings import Settings
-    from scenarios.ssp_run import run_package
+    from flexbeams.scenarios.definition.settings import Settings
+    from flexbeams.scenarios.runs.package import run_package
 
     begin = time.perf_counter()
-    recording = run_package(task.file, Settings(
-        frames=False, step=task.step, stop_time=task.steps * task.step, compiler=task.compiler,
-        decimate=1 if task.signals else task.steps)).recording
-    columns = [name for name in task.signals if name in recording.columns]   # long arrays are not recorded
-    return Trace(time=recording.time, columns=columns,
-                 values=recording.values[:, [recording.columns.index(name) for name in columns]],
-                 loading=time.perf_counter() - begin - recording.wall, stepping=recording.wall)
+    recording = run_package(
+        task.file,
+        Settings(
+            frames=False,
+            step=task.step,
+            stop_time=task.steps * task.step,
+            compiler=task.compiler,
+            decimate=1 if task.signals else task.steps,
+        ),
+    ).recording
+    columns = [name for name in task.signals if name in recording.columns]  # long arrays are not recorded
+    return Trace(
+        time=recording.time,
+        columns=columns,
+        values=recording.values[:, [recording.columns.index(name) for name in columns]],
+        loading=time.perf_counter() - begin - recording.wall,
+        stepping=recording.wall,
+    )
 
 
-MASTER = Master(name="runner", distribution="flexbeams", module="scenarios.ssp_run", coupling="jacobi", late=False,
-                faults=(), simulate=simulate)
+MASTER = Master(
+    name="runner",
+    distribution="flexbeams",
+    module="flexbeams.scenarios.runs.package",
+    coupling="jacobi",
+    late=False,
+    faults=(),
+    simulate=simulate,
+)

@@ -8,23 +8,26 @@ from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.ssp import Package, is_package, open_package
+from flexbeams.scenarios.masters.trace import Fault, Task
 from fmpy import read_model_description
 
-from plant.errors import InputError, suggestion
-from scenarios.archives import Allowance
-from scenarios.masters.trace import Fault, Task
-from scenarios.ssp_import import Package, is_package, open_package
-
 # Of tools that read single units
-NO_SSP = Fault(name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed "
-               "over.")
-FOLDERS_LEFT = Fault(name="folders left behind", what="Extracted units stay in the folder for temporary files. They go "
-                     "to one that is removed.")
+NO_SSP = Fault(
+    name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed over."
+)
+FOLDERS_LEFT = Fault(
+    name="folders left behind",
+    what="Extracted units stay in the folder for temporary files. They go to one that is removed.",
+)
 _OSP = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
 
 
-def read_task(file: Path, *, stop_time: float | None = None, step: float | None = None,
-              signals: Sequence[str] | None = None) -> Task:
+def read_task(
+    file: Path, *, stop_time: float | None = None, step: float | None = None, signals: Sequence[str] | None = None
+) -> Task:
     """How to run an SSP, or an OspSystemStructure.xml; all Real outputs are recorded where no signals are named.
 
     Raises InputError for what is no such file, for a package without stop time or step where none is given, for a stop
@@ -36,25 +39,40 @@ def read_task(file: Path, *, stop_time: float | None = None, step: float | None 
         raise InputError("", "must have a stop time and a step", source=str(file))
     if not (math.isfinite(step) and step > 0):
         raise InputError("step", "must be finite and > 0", step, source=str(file))
-    if not (math.isfinite(stop_time) and abs(stop_time / step - round(stop_time / step)) < 1e-6
-            and round(stop_time / step) > 0):
-        raise InputError("stop_time", f"must be a whole number of steps of {step:g} s, at least one", stop_time,
-                         source=str(file))
+    if not (
+        math.isfinite(stop_time)
+        and abs(stop_time / step - round(stop_time / step)) < 1e-6
+        and round(stop_time / step) > 0
+    ):
+        raise InputError(
+            "stop_time", f"must be a whole number of steps of {step:g} s, at least one", stop_time, source=str(file)
+        )
     known = tuple(f"{name}.{output}" for name, found in outputs.items() for output in found)
     for signal in signals or ():
         if signal not in known:
-            raise InputError("signals", f"must be Real outputs of the package{suggestion(signal, known)}", signal,
-                             source=str(file))
-    return Task(file=file, step=step, steps=round(stop_time / step), components=tuple(outputs),
-                signals=known if signals is None else tuple(signals))
+            raise InputError(
+                "signals", f"must be Real outputs of the package{suggestion(signal, known)}", signal, source=str(file)
+            )
+    return Task(
+        file=file,
+        step=step,
+        steps=round(stop_time / step),
+        components=tuple(outputs),
+        signals=known if signals is None else tuple(signals),
+    )
 
 
 def _from_ssp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
     with unpacked(file) as package:
         pass
-    return package.stop_time, package.step, {
-        name: [c.name for c in component.connectors.values() if c.kind == "output"]
-        for name, component in package.components.items()}
+    return (
+        package.stop_time,
+        package.step,
+        {
+            name: [c.name for c in component.connectors.values() if c.kind == "output"]
+            for name, component in package.components.items()
+        },
+    )
 
 
 def _from_osp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
@@ -62,9 +80,14 @@ def _from_osp(file: Path) -> tuple[float | None, float | None, dict[str, list[st
         root = ElementTree.parse(file).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise InputError("", f"must be an SSP package or OspSystemStructure.xml: {error}", source=str(file)) from None
-    outputs = {str(simulator.get("name")): [
-        v.name for v in read_model_description(str(file.parent / str(simulator.get("source")))).modelVariables
-        if v.causality == "output" and v.type == "Real"] for simulator in root.iter(f"{_OSP}Simulator")}
+    outputs = {
+        str(simulator.get("name")): [
+            v.name
+            for v in read_model_description(str(file.parent / str(simulator.get("source")))).modelVariables
+            if v.causality == "output" and v.type == "Real"
+        ]
+        for simulator in root.iter(f"{_OSP}Simulator")
+    }
     stop, step = (root.findtext(f"{_OSP}{key}") for key in ("EndTime", "BaseStepSize"))
     return None if stop is None else float(stop), None if step is None else float(step), outputs
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from plant.basis import Array
-from scenarios.cosimulation import Recording
-from scenarios.schema import Coupling
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.simulation.cosimulation import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,22 +15,22 @@ class Task:
     """A package and how to run it."""
 
     file: Path
-    step: float                  # s
+    step: float  # s
     steps: int
     components: tuple[str, ...]
-    signals: tuple[str, ...]     # Real outputs to record, <component>.<variable>
-    compiler: str = "zig"        # of the loop of this project's runner
+    signals: tuple[str, ...]  # Real outputs to record, <component>.<variable>
+    compiler: str = "zig"  # of the loop of this project's runner
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
     """What a master made of a package."""
 
-    time: Array                  # (rows,), s; whole steps
-    columns: list[str]           # <component>.<variable>
-    values: Array                # (rows, columns), at these times
-    loading: float | None        # s, up to the first step; None where the tool does not tell it from stepping
-    stepping: float              # s, with loading where that is None
+    time: Array  # (rows,), s; whole steps
+    columns: list[str]  # <component>.<variable>
+    values: Array  # (rows, columns), at these times
+    loading: float | None  # s, up to the first step; None where the tool does not tell it from stepping
+    stepping: float  # s, with loading where that is None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +46,13 @@ class Master:
     """A tool that runs packages."""
 
     name: str
-    distribution: str            # that pip installs
-    module: str                  # that it brings along
-    coupling: Coupling           # the runner's that it agrees with
-    late: bool                   # nothing is passed on before the first step: constants count from the second on
+    distribution: str  # that pip installs
+    module: str  # that it brings along
+    coupling: Coupling  # the runner's that it agrees with
+    late: bool  # nothing is passed on before the first step: constants count from the second on
     faults: tuple[Fault, ...]
     simulate: Callable[[Task], Trace]
-    kept: int = 0                # bytes that stay allocated for every package loaded
+    kept: int = 0  # bytes that stay allocated for every package loaded
 
 
 def step_times(step: float, first: int, count: int) -> Array:

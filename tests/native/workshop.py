@@ -12,13 +12,13 @@ from pathlib import Path
 
 import fmpy
 import pytest
+from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.fmus.packaging.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
+from flexbeams.fmus.packaging.design_data import unit_data
+from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
+from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.plant.structure import find_structure, read_structure
 
-from controller.design import Design, DesignOptions, compute_design
-from fmus.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
-from fmus.data import unit_data
-from fmus.interface import UNITS, interface_of
-from fmus.native_backend import NativeUnit, build_native_units, unit_sources
-from plant.structure import find_structure, read_structure
 from tests.conftest import design_of
 
 HARNESSES = Path(__file__).parent
@@ -52,14 +52,28 @@ def native_unit(unit: str, design: Design, out: Path) -> NativeUnit:
 
 def closed_loop(design: Design, out: Path) -> ClosedLoop:
     """All three units of a design in one, wired as in the scenario `tracking`."""
-    parts = tuple(_part(name, unit, design) for name, unit in (
-        ("feedforward", "FlatnessFeedforward"), ("controller", "TrackingController"), ("plant", "BeamPlant")))
-    wires = [Wire(source=f"{owner}.{v.name}", to=f"{part.name}.{v.name}") for part in parts
-             for owner, array in (("feedforward", "u_ff"), ("feedforward", "x_ref"), ("controller", "u"),
-                                  ("plant", "y_pm"))
-             for v in part.interface if v.causality == "input" and v.array == array]
-    return ClosedLoop(interface=closed_loop_interface(parts, wires, design.options.sample_time, 6.0, "Closed loop"),
-                      parts=parts, wires=tuple(wires), coupling="jacobi", out=out)
+    parts = tuple(
+        _part(name, unit, design)
+        for name, unit in (
+            ("feedforward", "FlatnessFeedforward"),
+            ("controller", "TrackingController"),
+            ("plant", "BeamPlant"),
+        )
+    )
+    wires = [
+        Wire(source=f"{owner}.{v.name}", to=f"{part.name}.{v.name}")
+        for part in parts
+        for owner, array in (("feedforward", "u_ff"), ("feedforward", "x_ref"), ("controller", "u"), ("plant", "y_pm"))
+        for v in part.interface
+        if v.causality == "input" and v.array == array
+    ]
+    return ClosedLoop(
+        interface=closed_loop_interface(parts, wires, design.options.sample_time, 6.0, "Closed loop"),
+        parts=parts,
+        wires=tuple(wires),
+        coupling="jacobi",
+        out=out,
+    )
 
 
 def _part(name: str, unit: str, design: Design) -> Part:
@@ -125,5 +139,3 @@ def run(command: Sequence[str], **options: object) -> str:
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=600, **options)  # type: ignore[call-overload]
     assert done.returncode == 0, f"{' '.join(command)[:400]}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
     return str(done.stdout)
-
-

@@ -4,10 +4,10 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
+from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.structure import Structure, find_structure, read_structure
 from numpy.typing import NDArray
 
-from plant.galerkin import BasisName, BeamModel, beam_model
-from plant.structure import Structure, find_structure, read_structure
 from tests.oracles.boundary_value import LaplaceSolution, StaticSolution
 
 Matrix = NDArray[np.float64] | NDArray[np.complex128]
@@ -37,24 +37,29 @@ class Errors:
     """Relative errors of the responses to the voltages."""
 
     unknowns: int
-    static_deflection: float       # entry by entry
-    static_strain: float           # each gauge relative to its largest
+    static_deflection: float  # entry by entry
+    static_strain: float  # each gauge relative to its largest
     deflection: NDArray[np.float64]  # as static_deflection, one for each frequency
-    strain: NDArray[np.float64]      # as static_strain
+    strain: NDArray[np.float64]  # as static_strain
 
 
-def errors(structure: Structure, basis: BasisName, order: int,
-           frequencies: tuple[float, ...] = FREQUENCIES) -> Errors:
+def errors(structure: Structure, basis: BasisName, order: int, frequencies: tuple[float, ...] = FREQUENCIES) -> Errors:
     """Errors of a model at rest and at the frequencies (rad/s) against the exact solutions."""
     model, inputs = beam_model(structure, basis, order), len(structure.patch)
     found, exact = response(model, 0.0), StaticSolution(structure)
-    static = (entrywise(found[0][:, :inputs], exact.deflection()[:, :inputs]),
-              rowwise(found[1][:, :inputs], exact.strain()[:, :inputs]))
+    static = (
+        entrywise(found[0][:, :inputs], exact.deflection()[:, :inputs]),
+        rowwise(found[1][:, :inputs], exact.strain()[:, :inputs]),
+    )
     moving = []
     for frequency in frequencies:
         found, dynamic = response(model, 1j * frequency), LaplaceSolution(structure, 1j * frequency)
-        moving.append((entrywise(found[0][:, :inputs], dynamic.deflection()[:, :inputs]),
-                       rowwise(found[1][:, :inputs], dynamic.strain()[:, :inputs])))
+        moving.append(
+            (
+                entrywise(found[0][:, :inputs], dynamic.deflection()[:, :inputs]),
+                rowwise(found[1][:, :inputs], dynamic.strain()[:, :inputs]),
+            )
+        )
     deflection, strain = np.array(moving).T
     return Errors(model.size, *static, deflection, strain)
 
@@ -63,16 +68,28 @@ def main() -> None:
     """Print the errors of both bases on a structure, kiel unless another is named."""
     structure = read_structure(find_structure(sys.argv[1] if len(sys.argv) > 1 else "kiel"))
     print("relative errors: deflection entry by entry, strain relative to each gauge's largest")
-    print(f"{'basis':<13}{'order':>6}{'n':>5}{'':>12}{'static':>9}" + "".join(f"{w:>9.0f}" for w in FREQUENCIES)
-          + "  rad/s")
-    cases: list[tuple[BasisName, int]] = [("clamped_free", 10), ("clamped_free", 20), ("clamped_free", 40),
-                                          ("segment", 5), ("segment", 7), ("segment", 9)]
+    print(
+        f"{'basis':<13}{'order':>6}{'n':>5}{'':>12}{'static':>9}"
+        + "".join(f"{w:>9.0f}" for w in FREQUENCIES)
+        + "  rad/s"
+    )
+    cases: list[tuple[BasisName, int]] = [
+        ("clamped_free", 10),
+        ("clamped_free", 20),
+        ("clamped_free", 40),
+        ("segment", 5),
+        ("segment", 7),
+        ("segment", 9),
+    ]
     for basis, order in cases:
         e = errors(structure, basis, order)
-        for name, static, moving in (("deflection", e.static_deflection, e.deflection),
-                                     ("strain", e.static_strain, e.strain)):
-            print(f"{basis:<13}{order:>6}{e.unknowns:>5}{name:>12}{static:>9.1e}"
-                  + "".join(f"{x:>9.1e}" for x in moving))
+        for name, static, moving in (
+            ("deflection", e.static_deflection, e.deflection),
+            ("strain", e.static_strain, e.strain),
+        ):
+            print(
+                f"{basis:<13}{order:>6}{e.unknowns:>5}{name:>12}{static:>9.1e}" + "".join(f"{x:>9.1e}" for x in moving)
+            )
 
 
 if __name__ == "__main__":

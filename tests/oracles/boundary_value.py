@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from flexbeams.plant.structure import Patch, Structure
 from numpy.typing import NDArray
 from scipy.linalg import expm
-
-from plant.structure import Patch, Structure
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -28,11 +27,11 @@ class Piece:
 
     start: float
     end: float
-    bending_stiffness: float   # Lambda, N m^2
-    mass: float                # mu, kg/m
-    viscous: float             # g_v, N s/m^2
-    structural: float          # g_sv, N s
-    moment: Real               # Gamma of each input, N m/V, 0 where the input acts elsewhere; (n_u + r,)
+    bending_stiffness: float  # Lambda, N m^2
+    mass: float  # mu, kg/m
+    viscous: float  # g_v, N s/m^2
+    structural: float  # g_sv, N s
+    moment: Real  # Gamma of each input, N m/V, 0 where the input acts elsewhere; (n_u + r,)
 
 
 def layer_moment(structure: Structure, patch: Patch, power: int) -> float:
@@ -57,13 +56,17 @@ def beam_pieces(structure: Structure, number: int, most: float = np.inf) -> list
             # Two layers under the field U/e_s; a11/beta is twice the stress per field of one layer.
             moment[k] = 2 * layer_moment(structure, p, 1) * p.piezo_ratio / 2 / p.electrode_distance
         stiffness = beam.youngs_modulus * beam.width * beam.thickness**3 / 12 + sum(
-            2 * p.youngs_modulus * layer_moment(structure, p, 2) for _, p in covering)
+            2 * p.youngs_modulus * layer_moment(structure, p, 2) for _, p in covering
+        )
         mass = beam.density * beam.width * beam.thickness + sum(
-            2 * p.density * p.width * p.thickness for _, p in covering)
+            2 * p.density * p.width * p.thickness for _, p in covering
+        )
         viscous = beam.viscous_damping + sum(2 * p.viscous_damping for _, p in covering)
         structural = beam.structural_damping + sum(2 * p.structural_damping for _, p in covering)
-        parts += [Piece(start, end, stiffness, mass, viscous, structural, moment)
-                  for start, end in pairwise(np.linspace(a, b, count + 1))]
+        parts += [
+            Piece(start, end, stiffness, mass, viscous, structural, moment)
+            for start, end in pairwise(np.linspace(a, b, count + 1))
+        ]
     return parts
 
 
@@ -94,9 +97,9 @@ class LaplaceSolution:
             for e, piece in enumerate(parts[j]):
                 here, there = at + 4 * e, at + 4 * e + 4
                 transition, forced = self._propagate(piece, piece.end - piece.start)
-                rows[here + 2:here + 6, here:there] = transition
-                rows[here + 2:here + 6, there:there + 4] = -np.eye(4)
-                right[here + 2:here + 6] = -forced
+                rows[here + 2 : here + 6, here:there] = transition
+                rows[here + 2 : here + 6, there : there + 4] = -np.eye(4)
+                right[here + 2 : here + 6] = -forced
             tip, unit = tips[j], self._scale[3]
             rows[tip + 2, tip + 2] = 1
             rows[tip + 3, tip + 3] = -1
@@ -108,12 +111,14 @@ class LaplaceSolution:
                 rows[a + 3, a] += spring.stiffness / self._scale[3]
                 rows[a + 3, b] -= spring.stiffness / self._scale[3]
         states: Complex = np.asarray(np.linalg.solve(rows, right), dtype=complex)
-        self._beams = [(parts[j], states[first[j]:first[j + 1]].reshape(-1, 4, inputs)) for j in range(len(parts))]
+        self._beams = [(parts[j], states[first[j] : first[j + 1]].reshape(-1, 4, inputs)) for j in range(len(parts))]
 
     def _longest(self, number: int) -> float:
-        wave = max(abs((self.s * p.viscous + self.s**2 * p.mass) / p.bending_stiffness) ** 0.25
-                   + abs(self.s * p.structural / p.bending_stiffness) ** 0.5
-                   for p in beam_pieces(self.structure, number))
+        wave = max(
+            abs((self.s * p.viscous + self.s**2 * p.mass) / p.bending_stiffness) ** 0.25
+            + abs(self.s * p.structural / p.bending_stiffness) ** 0.5
+            for p in beam_pieces(self.structure, number)
+        )
         return 2 / wave if wave > 0 else np.inf
 
     def _propagate(self, piece: Piece, distance: float) -> tuple[Complex, Complex]:
@@ -179,7 +184,7 @@ class StaticSolution:
         def equation(*parts: tuple[int, Real, float], forcing: Real | None = None) -> None:
             row = np.zeros(first[-1])
             for column, coefficients, factor in parts:
-                row[column:column + 4] += factor * coefficients
+                row[column : column + 4] += factor * coefficients
             norm = np.linalg.norm(row)
             rows.append(row / norm)
             right.append((np.zeros(inputs) if forcing is None else forcing) / norm)
@@ -195,8 +200,11 @@ class StaticSolution:
                 a, b = start + 4 * e, start + 4 * e + 4
                 for d in (0, 1):
                     equation((a, _cubic(p, 1, d), 1.0), (b, _cubic(n, 0, d), -1.0))
-                equation((a, _cubic(p, 1, 2), p.bending_stiffness), (b, _cubic(n, 0, 2), -n.bending_stiffness),
-                         forcing=n.moment - p.moment)
+                equation(
+                    (a, _cubic(p, 1, 2), p.bending_stiffness),
+                    (b, _cubic(n, 0, 2), -n.bending_stiffness),
+                    forcing=n.moment - p.moment,
+                )
                 equation((a, _cubic(p, 1, 3), p.bending_stiffness), (b, _cubic(n, 0, 3), -n.bending_stiffness))
             at, end = last(j)
             equation((at, _cubic(end, 1, 2), end.bending_stiffness), forcing=-end.moment)
@@ -204,12 +212,15 @@ class StaticSolution:
             for spring in structure.spring:
                 if j + 1 in spring.between:
                     there, other = last(sum(spring.between) - j - 2)
-                    shear += [(at, _cubic(end, 1, 0), spring.stiffness),
-                              (there, _cubic(other, 1, 0), -spring.stiffness)]
+                    shear += [
+                        (at, _cubic(end, 1, 0), spring.stiffness),
+                        (there, _cubic(other, 1, 0), -spring.stiffness),
+                    ]
             equation(*shear, forcing=np.eye(inputs)[len(structure.patch) + j])
         solution = np.linalg.solve(np.array(rows), np.array(right))
-        self._coefficients = [solution[first[j]:first[j + 1]].reshape(-1, 4, inputs)
-                              for j in range(len(structure.beam))]
+        self._coefficients = [
+            solution[first[j] : first[j + 1]].reshape(-1, 4, inputs) for j in range(len(structure.beam))
+        ]
 
     def derivative(self, beam: int, z: float, order: int) -> Real:
         """Derivative of the deflection of beam `beam` (from 1) at z, for each input; (n_u + r,)."""

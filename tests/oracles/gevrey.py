@@ -25,8 +25,10 @@ def taylor_coefficients(gevrey_order: float, tau: float, degree: int) -> Real:
         radius = min(edge * mpmath.sin(min(mpmath.pi / 6, mpmath.pi / (4 * g))), 20 * edge ** (g + 1) / g)
         around = mpmath.unitroots(POINTS)
         values = [_theta(gevrey_order, x + radius * w) for w in around]
-        theta = [mpmath.fsum(v * around[-i * j % POINTS] for j, v in enumerate(values)).real / POINTS / radius**i
-                 for i in range(degree)]
+        theta = [
+            mpmath.fsum(v * around[-i * j % POINTS] for j, v in enumerate(values)).real / POINTS / radius**i
+            for i in range(degree)
+        ]
         first = rising if x <= 0.5 else whole - rising
         return np.array([float(c / whole) for c in (first, *(t / (i + 1) for i, t in enumerate(theta)))])
 
@@ -48,17 +50,17 @@ def taylor_coefficients_at(gevrey_order: float, tau: Real, degree: int) -> Real:
     [0, tau] or [tau, 1].
     """
     g = 1 / (gevrey_order - 1)
-    moving = np.minimum(tau, 1 - tau) > 1e-4   # theta is below e^-9000 elsewhere
+    moving = np.minimum(tau, 1 - tau) > 1e-4  # theta is below e^-9000 elsewhere
     inside = tau[moving]
     binomials = np.cumprod(np.concatenate([[1.0], (-g - np.arange(degree)) / np.arange(1, degree + 1)]))
     left = binomials * inside[:, None] ** (-g - np.arange(degree + 1))
     right = binomials * (-1.0) ** np.arange(degree + 1) * (1 - inside[:, None]) ** (-g - np.arange(degree + 1))
     with np.errstate(under="ignore", over="ignore", invalid="ignore"):
-        exponent = -np.stack([np.sum(left[:, :k + 1] * right[:, k::-1], axis=1) for k in range(degree)], axis=1)
+        exponent = -np.stack([np.sum(left[:, : k + 1] * right[:, k::-1], axis=1) for k in range(degree)], axis=1)
         theta = np.empty((len(inside), degree))
-        theta[:, 0] = np.exp(exponent[:, 0] + 4**g)   # for small orders doubles hold theta only beside its maximum
+        theta[:, 0] = np.exp(exponent[:, 0] + 4**g)  # for small orders doubles hold theta only beside its maximum
         for k in range(1, degree):
-            theta[:, k] = np.sum(np.arange(1, k + 1) * exponent[:, 1:k + 1] * theta[:, k - 1::-1], axis=1) / k
+            theta[:, k] = np.sum(np.arange(1, k + 1) * exponent[:, 1 : k + 1] * theta[:, k - 1 :: -1], axis=1) / k
     theta[theta[:, 0] == 0] = 0.0
     norm = 2 * _area(g, np.array([0.5]))[0]
     series = np.zeros((len(tau), degree + 1))

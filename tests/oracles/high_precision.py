@@ -15,13 +15,15 @@ DIGITS = 60
 def clamped_free_root(k: int) -> mpmath.mpf:
     """The k-th positive root of 1 + cos(b) cosh(b), k from 1."""
     with mpmath.workdps(DIGITS + 2 * k):
-        return mpmath.findroot(lambda b: mpmath.cos(b) + 1 / mpmath.cosh(b),
-                               mpmath.mpf("1.8751") if k == 1 else (k - mpmath.mpf(1) / 2) * mpmath.pi)
+        return mpmath.findroot(
+            lambda b: mpmath.cos(b) + 1 / mpmath.cosh(b),
+            mpmath.mpf("1.8751") if k == 1 else (k - mpmath.mpf(1) / 2) * mpmath.pi,
+        )
 
 
 def clamped_free_shape(k: int, x: float, derivative: int) -> float:
     """d-th derivative at x in [0, 1] of cosh(bx) - cos(bx) - sigma (sinh(bx) - sin(bx)), d = 0, 1, 2."""
-    with mpmath.workdps(DIGITS + 2 * k):   # the terms are of size e^(k pi), and so 1.4 k digits cancel
+    with mpmath.workdps(DIGITS + 2 * k):  # the terms are of size e^(k pi), and so 1.4 k digits cancel
         b = clamped_free_root(k)
         sigma = (mpmath.cosh(b) + mpmath.cos(b)) / (mpmath.sinh(b) + mpmath.sin(b))
         ch, sh, c, s = (f(b * mpmath.mpf(x)) for f in (mpmath.cosh, mpmath.sinh, mpmath.cos, mpmath.sin))
@@ -34,6 +36,7 @@ def tip_mass_roots(ratio: float, count: int) -> Real:
 
     Divided by cosh b, the left side less the right changes sign once between neighbouring multiples of pi.
     """
+
     def residual(b: mpmath.mpf) -> mpmath.mpf:
         return 1 / mpmath.cosh(b) + mpmath.cos(b) - ratio * b * (mpmath.sin(b) - mpmath.cos(b) * mpmath.tanh(b))
 

@@ -16,13 +16,13 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
+from flexbeams.controller.design import Design
+from flexbeams.controller.planner import InputShapes, Motion, plan_transition
+from flexbeams.plant.galerkin import BeamModel
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, svd
 from scipy.signal import cont2discrete
 
-from controller.design import Design
-from controller.planner import InputShapes, Motion, plan_transition
-from plant.galerkin import BeamModel
 from tests.oracles.gevrey import taylor_coefficients_at
 
 Real = NDArray[np.float64]
@@ -40,7 +40,7 @@ class PlantMatrices:
     y_pi: Real
     y_pm: Real
     w: Real
-    at_rest: Real   # x under a voltage
+    at_rest: Real  # x under a voltage
 
 
 def plant_matrices(model: BeamModel, step: float, parameters: dict[str, float] | None = None) -> PlantMatrices:
@@ -48,14 +48,16 @@ def plant_matrices(model: BeamModel, step: float, parameters: dict[str, float] |
     system = model.assemble(parameters)
     n, n_u = system.L.shape
     R_M, R_K = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
-    U, omega, Vt = svd(solve_triangular(R_M, R_K, lower=True))          # q = R_K^-T V (Omega eta)
-    shapes = solve_triangular(R_M, U, lower=True, trans="T")            # q' = R_M^-T U eta'
+    U, omega, Vt = svd(solve_triangular(R_M, R_K, lower=True))  # q = R_K^-T V (Omega eta)
+    shapes = solve_triangular(R_M, U, lower=True, trans="T")  # q' = R_M^-T U eta'
     positions = solve_triangular(R_K, Vt.T, lower=True, trans="T")
     A = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -shapes.T @ system.D @ shapes]])
     B = np.vstack([np.zeros((n, n_u + system.F.shape[1])), shapes.T @ np.hstack([system.L, system.F])])
     A_d, B_d, *_ = cont2discrete((A, B, np.eye(2 * n), np.zeros_like(B)), step)
-    y_pi, y_pm, w = (np.hstack([rows @ positions, np.zeros((len(rows), n))])
-                     for rows in (model.deflection, model.strain, model.stations.reshape(-1, n)))
+    y_pi, y_pm, w = (
+        np.hstack([rows @ positions, np.zeros((len(rows), n))])
+        for rows in (model.deflection, model.strain, model.stations.reshape(-1, n))
+    )
     at_rest = np.vstack([positions.T @ system.L, np.zeros((n, n_u))])
     return PlantMatrices(A=A_d, B=B_d[:, :n_u], F=B_d[:, n_u:], y_pi=y_pi, y_pm=y_pm, w=w, at_rest=at_rest)
 
@@ -67,14 +69,22 @@ class Reference:
     u_ff: Real
     x_ref: Real
     y_ref: Real
-    moving: Real      # (steps + 1, 1); rounding decides where a transition ends at a t_k
-    starts: Real      # s, of each transition that a target started
-    durations: Real   # s
+    moving: Real  # (steps + 1, 1); rounding decides where a transition ends at a t_k
+    starts: Real  # s, of each transition that a target started
+    durations: Real  # s
 
 
-def feedforward(design: Design, *, steps: int, step: float, targets: Sequence[Target] = (),
-                transition_time: float | None = None, voltage_limit: float | None = None, preview: float = 0.0,
-                durations: Sequence[float] | None = None) -> Reference:
+def feedforward(
+    design: Design,
+    *,
+    steps: int,
+    step: float,
+    targets: Sequence[Target] = (),
+    transition_time: float | None = None,
+    voltage_limit: float | None = None,
+    preview: float = 0.0,
+    durations: Sequence[float] | None = None,
+) -> Reference:
     """All outputs of the feedforward; targets (time, y) in order, those at time <= 0 the initial rest position.
 
     A target is seen in the step from the first t_k >= time on; its transition starts at that t_k. `durations` has one
@@ -98,8 +108,11 @@ def feedforward(design: Design, *, steps: int, step: float, targets: Sequence[Ta
         if at <= 0 or first > steps:
             continue
         change = inverse @ np.asarray(y) - offset - motion.steps.sum(axis=0)
-        duration = next(given, None) if durations is not None else plan_transition(
-            motion, shapes, now=first * step, step=change, wanted=wanted, limit=limit).duration
+        duration = (
+            next(given, None)
+            if durations is not None
+            else plan_transition(motion, shapes, now=first * step, step=change, wanted=wanted, limit=limit).duration
+        )
         if duration:
             firsts.append(first)
             motion = motion.extended(first * step, duration, change)
@@ -115,8 +128,14 @@ def feedforward(design: Design, *, steps: int, step: float, targets: Sequence[Ta
         xi[later] += (series * factorials / duration**index)[:, :, None] * change
         moving[later, 0] += time[later] + preview < start + duration
     u_ff, x_ref = np.einsum("i,kij->kj", c, xi), np.einsum("aij,kij->ka", X, xi[:, :-1])
-    return Reference(u_ff=u_ff, x_ref=x_ref, y_ref=x_ref @ arrays["H_pi"].T + u_ff @ arrays["D_pi"].T,
-                     moving=(moving > 0).astype(float), starts=motion.starts, durations=motion.durations)
+    return Reference(
+        u_ff=u_ff,
+        x_ref=x_ref,
+        y_ref=x_ref @ arrays["H_pi"].T + u_ff @ arrays["D_pi"].T,
+        moving=(moving > 0).astype(float),
+        starts=motion.starts,
+        durations=motion.durations,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,18 +160,34 @@ def loop_matrices(design: Design, integral_gain: float) -> LoopMatrices:
     unit = np.eye(n_u)
     wanted = np.hstack([np.zeros((n_u, m)), unit, np.zeros((n_u, n_u + n_pm)), unit, K]) - K @ estimate
     G = integral_gain * a["static_inverse"]
-    growth = (np.hstack([np.zeros((n_u, m + n_u)), -G @ a["D_pi"], np.zeros((n_u, n_pm)), G @ a["D_pi"], G @ a["H_pi"]])
-              - G @ a["H_pi"] @ estimate)
+    growth = (
+        np.hstack([np.zeros((n_u, m + n_u)), -G @ a["D_pi"], np.zeros((n_u, n_pm)), G @ a["D_pi"], G @ a["H_pi"]])
+        - G @ a["H_pi"] @ estimate
+    )
     return LoopMatrices(estimate=estimate, wanted=wanted, growth=growth)
 
 
-def simulate(design: Design, model: BeamModel, *, steps: int, coupling: Coupling = "jacobi", step: float | None = None,
-             targets: Sequence[Target] = (), force: Real | None = None, voltage: Real | None = None,
-             use_controller: bool = True, feedback: bool = True, integral_gain: float | None = None,
-             controller_limit: float | None = None, transition_time: float | None = None,
-             voltage_limit: float | None = None, preview: float = 0.0, durations: Sequence[float] | None = None,
-             parameters: dict[str, float] | None = None, rest_voltage: Sequence[float] | Real | None = None,
-             ) -> dict[str, Real]:
+def simulate(
+    design: Design,
+    model: BeamModel,
+    *,
+    steps: int,
+    coupling: Coupling = "jacobi",
+    step: float | None = None,
+    targets: Sequence[Target] = (),
+    force: Real | None = None,
+    voltage: Real | None = None,
+    use_controller: bool = True,
+    feedback: bool = True,
+    integral_gain: float | None = None,
+    controller_limit: float | None = None,
+    transition_time: float | None = None,
+    voltage_limit: float | None = None,
+    preview: float = 0.0,
+    durations: Sequence[float] | None = None,
+    parameters: dict[str, float] | None = None,
+    rest_voltage: Sequence[float] | Real | None = None,
+) -> dict[str, Real]:
     """A run of `steps` communication steps; keys as in a result file, such as plant.y_pi (steps + 1, n_pi).
 
     Instances: {plant} where `voltage` (steps + 1, n_u) is given; {feedforward, plant} without `use_controller`; else
@@ -168,8 +203,16 @@ def simulate(design: Design, model: BeamModel, *, steps: int, coupling: Coupling
     start = plant.at_rest @ (np.zeros(n_u) if rest_voltage is None else np.asarray(rest_voltage))
     if voltage is not None:
         return results | plant_run(plant, start, voltage, voltage, forces)
-    reference = feedforward(design, steps=steps, step=step, targets=targets, transition_time=transition_time,
-                            voltage_limit=voltage_limit, preview=preview, durations=durations)
+    reference = feedforward(
+        design,
+        steps=steps,
+        step=step,
+        targets=targets,
+        transition_time=transition_time,
+        voltage_limit=voltage_limit,
+        preview=preview,
+        durations=durations,
+    )
     results |= {f"feedforward.{name}": getattr(reference, name) for name in ("u_ff", "x_ref", "y_ref", "moving")}
     results |= {"feedforward.starts": reference.starts, "feedforward.durations": reference.durations}
     newest = 1 if coupling == "gauss-seidel" else 0
@@ -195,18 +238,27 @@ def simulate(design: Design, model: BeamModel, *, steps: int, coupling: Coupling
         s[k + 1], saturated[k + 1] = s[k], saturated[k]
         for _ in range(ticks[k + 1] - ticks[k]):
             estimate, wanted, growth = np.split(every @ np.concatenate([s[k + 1], e]), [m, m + n_u])
-            integral = s[k + 1, m:m + n_u]
+            integral = s[k + 1, m : m + n_u]
             if not feedback:
                 wanted, integral, growth = reference.u_ff[k + newest], np.zeros(n_u), np.zeros(n_u)
             beyond = np.abs(wanted) > limit
             integral = integral + np.where(beyond & (np.sign(wanted) == np.sign(growth)), 0.0, growth)
             s[k + 1] = np.concatenate([estimate, integral, np.clip(wanted, -limit, limit)])
             saturated[k + 1] = beyond.any()
-        x[k + 1] = plant.A @ x[k] + plant.B @ s[k + newest, m + n_u:] + plant.F @ forces[k]
-    u, x_est = s[:, m + n_u:], s[:, :m]
-    return results | shown(plant, x) | {
-        "plant.u": u, "controller.u": u, "controller.x_est": x_est, "controller.saturated": saturated,
-        "controller.integral": s[:, m:m + n_u], "controller.y_est": x_est @ a["H_pi"].T + u @ a["D_pi"].T}
+        x[k + 1] = plant.A @ x[k] + plant.B @ s[k + newest, m + n_u :] + plant.F @ forces[k]
+    u, x_est = s[:, m + n_u :], s[:, :m]
+    return (
+        results
+        | shown(plant, x)
+        | {
+            "plant.u": u,
+            "controller.u": u,
+            "controller.x_est": x_est,
+            "controller.saturated": saturated,
+            "controller.integral": s[:, m : m + n_u],
+            "controller.y_est": x_est @ a["H_pi"].T + u @ a["D_pi"].T,
+        }
+    )
 
 
 def plant_run(plant: PlantMatrices, start: Real, recorded: Real, held: Real, force: Real) -> dict[str, Real]:
@@ -220,8 +272,12 @@ def plant_run(plant: PlantMatrices, start: Real, recorded: Real, held: Real, for
 
 def shown(plant: PlantMatrices, x: Real) -> dict[str, Real]:
     """The plant's outputs for its states x (k, 2n)."""
-    return {"plant.y_pi": x @ plant.y_pi.T, "plant.y_pm": x @ plant.y_pm.T, "plant.w": x @ plant.w.T,
-            "plant.energy": np.sum(x**2, axis=1, keepdims=True) / 2}
+    return {
+        "plant.y_pi": x @ plant.y_pi.T,
+        "plant.y_pm": x @ plant.y_pm.T,
+        "plant.w": x @ plant.w.T,
+        "plant.energy": np.sum(x**2, axis=1, keepdims=True) / 2,
+    }
 
 
 def largest_difference(found: Real, expected: Real) -> float:

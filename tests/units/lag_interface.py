@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
-from fmus.python_backend import PythonUnit
-from fmus.variables import Interface, Variable, array, matrix, time_variable
+from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
+from flexbeams.fmus.packaging.python import PythonUnit
 
 step_size = 1e-3
 gain = (1.0, 0.1 + 0.2)

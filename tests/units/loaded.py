@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from flexbeams.scenarios.simulation.instance import UnitInstance, element_names
 from fmpy import read_model_description
 from numpy.typing import NDArray
-
-from scenarios.instance import UnitInstance, element_names
 
 Real = NDArray[np.float64]
 
@@ -26,8 +25,11 @@ class Loaded(UnitInstance):
         names = element_names(self.variables, name)
         listed = np.broadcast_to(np.asarray(values), len(names)).tolist()
         kind = self.variables[names[0]].type
-        self.call(f"set{kind}", [self.variables[n].valueReference for n in names],
-                  listed if kind == "Real" else [int(v) for v in listed])
+        self.call(
+            f"set{kind}",
+            [self.variables[n].valueReference for n in names],
+            listed if kind == "Real" else [int(v) for v in listed],
+        )
 
     def take(self, *names: str) -> Real:
         """Values of variables and whole arrays, one after the other."""

@@ -1,0 +1,1 @@
+"""Documents inside an FMU: description, page, picture."""

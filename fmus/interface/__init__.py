@@ -1,0 +1,1 @@
+"""Variables of a unit and units of measurement."""

@@ -1,0 +1,1 @@
+"""From a design to .fmu files: native, Python and closed loop."""

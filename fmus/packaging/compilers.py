@@ -1,0 +1,132 @@
+"""C compilers: the ziglang wheel, which builds for every platform, or the system's, which builds for this machine."""
+
+import importlib.util
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexbeams.fmus.errors import BuildError
+
+FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Platform:
+    """One kind of machine that a unit can carry a binary for."""
+
+    name: str  # of its folder in FMI 3 and newer importers: x86_64-linux
+    target: str  # zig's, with the oldest system that the binary runs on
+    suffix: str  # of a shared library
+    fmi2_folder: str | None  # FMI 2.0's folder name, where it has one
+    flags: tuple[str, ...]
+
+    @property
+    def folders(self) -> tuple[str, ...]:
+        """Where the binary goes in the unit."""
+        return (self.name,) if self.fmi2_folder is None else (self.fmi2_folder, self.name)
+
+
+_ELF = ("-fPIC", "-fvisibility=hidden", "-Wl,--build-id=none", "-Wl,-z,relro,-z,now")
+_MACH = ("-fPIC", "-fvisibility=hidden")
+PLATFORMS = {
+    p.name: p
+    for p in (
+        Platform(name="x86_64-linux", target="x86_64-linux-gnu.2.17", suffix=".so", fmi2_folder="linux64", flags=_ELF),
+        Platform(name="aarch64-linux", target="aarch64-linux-gnu.2.17", suffix=".so", fmi2_folder=None, flags=_ELF),
+        Platform(name="x86_64-windows", target="x86_64-windows-gnu", suffix=".dll", fmi2_folder="win64", flags=()),
+        Platform(
+            name="x86_64-darwin", target="x86_64-macos.11.0", suffix=".dylib", fmi2_folder="darwin64", flags=_MACH
+        ),
+        Platform(name="aarch64-darwin", target="aarch64-macos.11.0", suffix=".dylib", fmi2_folder=None, flags=_MACH),
+    )
+}
+
+
+def chosen_platforms(names: Sequence[str]) -> list[Platform]:
+    """The platforms of these names; `host` is this machine's and `all` stands for all. BuildError for another name."""
+    chosen: dict[str, Platform] = {}
+    for name in names:
+        if name == "all":
+            chosen |= PLATFORMS
+        elif name == "host":
+            chosen[host_platform().name] = host_platform()
+        elif name in PLATFORMS:
+            chosen[name] = PLATFORMS[name]
+        else:
+            raise BuildError(f"platform must be host, all or one of {', '.join(PLATFORMS)}, got {name!r}")
+    if not chosen:
+        raise BuildError("platform must be given at least once")
+    return [PLATFORMS[name] for name in sorted(chosen)]
+
+
+def host_platform() -> Platform:
+    """The platform of this machine; BuildError where units are not built for it."""
+    machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
+    system = {"win32": "windows"}.get(sys.platform, sys.platform)
+    if (name := f"{machine}-{system}") not in PLATFORMS:
+        raise BuildError(f"native units are not built for {name}; choose among {', '.join(PLATFORMS)}")
+    return PLATFORMS[name]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compiler:
+    """A command that compiles and links C."""
+
+    command: tuple[str, ...]
+    is_zig: bool
+
+    def build(self, library: Path, sources: Sequence[Path], include: Path, platform: Platform) -> None:
+        """Compile sources to a shared library; BuildError with the compiler's first line where it fails.
+
+        The library's bytes depend on its file name, the compiler and the contents of the sources, not on folders.
+        """
+        if not self.is_zig and platform != host_platform():
+            raise BuildError(
+                f"{self.command[0]} builds for {host_platform().name} only, {platform.name} takes the compiler zig"
+            )
+        target = ("-target", platform.target, "-mcpu=baseline") if self.is_zig else ()
+        command = [
+            *self.command,
+            *target,
+            *FLAGS,
+            *platform.flags,
+            "-shared",
+            "-s",
+            f"-I{include}",
+            "-o",
+            library.name,
+            *map(str, sources),
+            "-lm",
+        ]
+        try:
+            done = subprocess.run(command, cwd=library.parent, capture_output=True, text=True, errors="replace")
+        except OSError as error:
+            raise BuildError(f"{self.command[0]} cannot be run: {error.strerror}") from None
+        if done.returncode != 0 or not library.is_file():
+            lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines()
+            reason = lines[0].strip() if lines else f"exit status {done.returncode}"
+            raise BuildError(f"{library.name} for {platform.name} cannot be compiled: {reason}")
+
+
+def find_compiler(name: str = "zig") -> Compiler:
+    """The ziglang wheel's compiler for `zig`, else the command or path `name` that works like gcc or clang.
+
+    BuildError that says what to install where there is none.
+    """
+    if name == "zig":
+        if importlib.util.find_spec("ziglang") is None:
+            raise BuildError(
+                "the compiler zig is missing: pip install ziglang, or choose a system's compiler such as "
+                "gcc (Debian: apt install gcc)"
+            )
+        return Compiler(command=(sys.executable, "-m", "ziglang", "cc"), is_zig=True)
+    if (path := shutil.which(name)) is None:
+        raise BuildError(
+            f"the compiler {name} is missing: install it (Debian: apt install {Path(name).name}), or "
+            "pip install ziglang and choose zig"
+        )
+    return Compiler(command=(path,), is_zig=False)

@@ -1,0 +1,1 @@
+"""Experiments whose results travel inside a unit."""

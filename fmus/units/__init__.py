@@ -1,0 +1,1 @@
+"""The units: one file each."""

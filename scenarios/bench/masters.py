@@ -1,0 +1,110 @@
+"""The exported scenario under this project's runner and under masters of others: time, and how far they agree."""
+
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.exporting.ssp import export_ssp
+from flexbeams.scenarios.masters.catalogue import MASTERS, RUNNER, installed_version
+from flexbeams.scenarios.masters.isolation import MasterError, run_cycles
+from flexbeams.scenarios.masters.tasks import read_task
+from flexbeams.scenarios.masters.trace import Master, Task, Trace, deviation
+from flexbeams.scenarios.runs.package import run_package
+from flexbeams.scenarios.simulation.cosimulation import Recording
+
+SCENARIO, STEP = "tracking", 2e-4
+ROUNDS = 3
+PATIENCE = 2.0  # s; masters that take longer run once
+
+
+@dataclass(frozen=True, kw_only=True)
+class Times:
+    """Least seconds of a master."""
+
+    recorded: float  # of the steps, with signals recorded
+    silent: float  # of the steps, without
+    loading: float | None
+
+
+def measure_masters(
+    steps: int, compiler: str, report: Callable[[str], None], progress: Callable[[int, int], None]
+) -> dict[str, Any]:
+    """Times of each master and how far it is from the runner's result, in JSON's types.
+
+    Each runs in a process of its own on one core, the runner before each of them.
+    """
+    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
+        file = export_ssp(
+            SCENARIO,
+            Path(folder) / f"{SCENARIO}.ssp",
+            Settings(frames=False, stop_time=steps * STEP, compiler=compiler),
+            report=report,
+        )
+
+        @cache
+        def reference(coupling: Coupling) -> Recording:
+            return run_package(file, Settings(frames=False, coupling=coupling, compiler=compiler)).recording
+
+        outputs = read_task(file).signals
+        recorded = [c for c in reference("jacobi").columns if c in outputs]
+        tasks = tuple(replace(read_task(file, signals=signals), compiler=compiler) for signals in (recorded, ()))
+        found: list[tuple[Master, Times, float]] = []
+        runner: list[Times] = []
+        for done, master in enumerate(MASTERS.values()):
+            progress(done, len(MASTERS))
+            runner.append(_measured(RUNNER, tasks)[0])
+            if installed_version(master) is None:
+                continue
+            try:
+                times, trace = _measured(master, tasks)
+            except MasterError as error:
+                report(str(error))
+                continue
+            found.append((master, times, deviation(trace, reference(master.coupling))))
+    own = Times(
+        recorded=min(t.recorded for t in runner),
+        silent=min(t.silent for t in runner),
+        loading=min(t.loading or 0.0 for t in runner),
+    )
+    rows = [_row(RUNNER, own, own, None), *(_row(master, times, own, error) for master, times, error in found)]
+    here = {row["name"] for row in rows}
+    return {
+        "scenario": SCENARIO,
+        "steps": steps,
+        "step_s": STEP,
+        "platform": sys.platform,
+        "signals": len(tasks[0].signals),
+        "masters": rows,
+        "missing": [n for n in MASTERS if n not in here],
+    }
+
+
+def _measured(master: Master, tasks: Sequence[Task]) -> tuple[Times, Trace]:
+    """Least times of as many runs as patience allows, and a trace with the signals."""
+    once = run_cycles(master.name, tasks)
+    stepping = list(once.stepping)
+    if sum(stepping[0]) < PATIENCE:
+        stepping += run_cycles(master.name, tasks, ROUNDS).stepping
+    recorded, silent = (min(times) for times in zip(*stepping, strict=True))
+    return Times(recorded=recorded, silent=silent, loading=once.traces[1].loading), once.traces[0]
+
+
+def _row(master: Master, times: Times, runner: Times, error: float | None) -> dict[str, Any]:
+    """A master's figures; ratios are to the runner's."""
+    return {
+        "name": master.name,
+        "version": installed_version(master),
+        "coupling": master.coupling,
+        "deviation": error,
+        "loading_s": times.loading,
+        "recorded_s": times.recorded,
+        "recorded_ratio": times.recorded / runner.recorded,
+        "silent_s": times.silent,
+        "silent_ratio": times.silent / runner.silent,
+    }

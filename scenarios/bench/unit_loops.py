@@ -1,0 +1,154 @@
+"""Native units on their own or in a loop, stepped in C with or without the runner, to be measured."""
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flexbeams.plant.basis import Array
+from flexbeams.plant.structure import Spring, Structure
+from flexbeams.scenarios.definition.signals import Signal
+from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.simulation.cosimulation import CoSimulation, Plan
+from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.stepping import NativeStepper
+from fmpy import read_model_description
+
+
+class Loop:
+    """Native units wired by a plan, with the loop in C: stepped bare of the runner, or by it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        files: Mapping[str, Path],
+        plan: Plan,
+        library: Path,
+        step: float,
+        starts: Mapping[str, Mapping[str, float | bool]],
+    ) -> None:
+        self._starts, self._step = starts, step
+        self.plan = plan
+        self.instances: dict[str, UnitInstance] = {}
+        for name, file in files.items():
+            place = folder / file.stem
+            if not place.exists():
+                Allowance().extract(file, place)
+            self.instances[name] = UnitInstance(
+                name, place, read_model_description(str(place), validate=False), lambda text: None
+            )
+        self._simulation = CoSimulation(
+            self.instances, plan, step, "jacobi", lambda connected, wiring: NativeStepper(connected, wiring, library)
+        )
+
+    @property
+    def stepper(self) -> NativeStepper:
+        """The loop in C."""
+        assert isinstance(self._simulation.stepper, NativeStepper)
+        return self._simulation.stepper
+
+    def start(self, **values: float) -> None:
+        """Back to the start, with further start values for all instances that have them."""
+        for name, instance in self.instances.items():
+            instance.call("reset")
+            for variable, value in {**self._starts.get(name, {}), **values}.items():
+                if variable in instance.variables:
+                    instance.set_start(variable, value)
+        self._simulation.initialise(1e6)
+
+    def advance(self, rows: Array, first: int = 0) -> float:
+        """Seconds that the steps of these external rows take, nothing recorded."""
+        nothing = np.zeros((1, 1))
+        begin = clock.perf_counter()
+        self.stepper.advance(first, rows, len(rows) + first, nothing)
+        return clock.perf_counter() - begin
+
+    def run(self, steps: int) -> float:
+        """Seconds of the runner's stepping loop, recording included."""
+        return self._simulation.run(steps).wall
+
+    def advance_from_start(self, rows: Array) -> float:
+        """`start`, then `advance`."""
+        self.start()
+        return self.advance(rows)
+
+    def run_from_start(self, steps: int) -> float:
+        """`start`, then `run`."""
+        self.start()
+        return self.run(steps)
+
+    def record(self, steps: int) -> dict[str, Array]:
+        """A run's columns by name."""
+        recording = self._simulation.run(steps)
+        return dict(zip(recording.columns, recording.values.T, strict=True))
+
+    def close(self) -> None:
+        """Frees the instances."""
+        for instance in self.instances.values():
+            instance.close()
+
+
+def replay(rows: Array, step: float) -> Signal:
+    """A signal that gives row k at k * step, the last one for ever."""
+    return Signal(
+        width=rows.shape[1], sample=lambda time: rows[np.minimum(np.rint(time / step).astype(int), len(rows) - 1)]
+    )
+
+
+def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step: float, recorded: bool) -> Plan:
+    """A unit on its own, its inputs `arrays` driven by rows (steps, all their elements), every output read."""
+    if not (folder / file.stem).exists():
+        Allowance().extract(file, folder / file.stem)
+    variables = read_model_description(str(folder / file.stem), validate=False).modelVariables
+    inputs = [
+        v.name for array in arrays for v in variables if v.causality == "input" and v.name.startswith(f"{array}[")
+    ]
+    outputs = [
+        v.name
+        for kind in ("Real", "Integer", "Boolean")
+        for v in variables
+        if v.causality == "output" and v.type == kind
+    ]
+    n = len(outputs)
+    return Plan(
+        size=n + len(inputs),
+        sources={f"unit.{name}": k for k, name in enumerate(outputs)},
+        inputs={"unit": [(name, n + k) for k, name in enumerate(inputs)]},
+        reads={"unit": outputs},
+        spans={"unit": slice(0, n)},
+        external=[(slice(n, n + len(inputs)), replay(rows, step))],
+        columns=[f"unit.{name}" for name in outputs] if recorded else [],
+        recorded=list(range(n)) if recorded else [],
+    )
+
+
+def silent(plan: Plan) -> Plan:
+    """The plan with nothing recorded, and of each unit's outputs none read behind the last one that is connected."""
+    used = {place for inputs in plan.inputs.values() for _, place in inputs}
+    reads = {}
+    for name, outputs in plan.reads.items():
+        first = plan.spans[name].start
+        reads[name] = outputs[: 1 + max((k for k in range(len(outputs)) if first + k in used), default=-1)]
+    spans = {name: slice(span.start, span.start + len(reads[name])) for name, span in plan.spans.items()}
+    return replace(plan, columns=[], recorded=[], reads=reads, spans=spans)
+
+
+def chain(structure: Structure, beams: int) -> Structure:
+    """That many beams in a row, each with what the one of a structure of three has, springs between neighbours."""
+    count = len(structure.beam)
+
+    def copied(parts: Sequence[Any]) -> list[Any]:
+        return [replace(part, beam=k + 1) for k in range(beams) for part in parts if part.beam == k % count + 1]
+
+    return Structure(
+        beam=[structure.beam[k % count] for k in range(beams)],
+        patch=copied(structure.patch),
+        spring=[
+            Spring(between=(k + 1, k + 2), stiffness=structure.spring[k % len(structure.spring)].stiffness)
+            for k in range(beams - 1)
+        ],
+        point_of_interest=copied(structure.point_of_interest),
+        strain_gauge=copied(structure.strain_gauge),
+    )

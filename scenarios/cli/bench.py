@@ -1,0 +1,54 @@
+"""The verb `flexbeams bench`."""
+
+import json
+from typing import Any
+
+import click
+from flexbeams.scenarios.cli.options import compiler_option
+
+
+@click.command()
+@click.option(
+    "--steps",
+    type=click.IntRange(min=1),
+    default=30_000,
+    show_default=True,
+    metavar="N",
+    help="Steps of each loop; 30000 are the whole run of `tracking`.",
+)
+@click.option(
+    "--masters",
+    is_flag=True,
+    help="Instead: the exported scenario under co-simulation tools of "
+    "others (extra `masters`) beside the runner, and how far they agree.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
+@compiler_option
+def bench(steps: int, masters: bool, as_json: bool, compiler: str) -> int:
+    """Measure what a step costs: bare C loop, FMI functions, runner and numpy, side by side in one process.
+
+    Measures only: the exit status is 0 whether targets are met or not.
+    """
+    from flexbeams.scenarios.runs.progress import Display
+
+    with Display(["bench"]) as display:
+
+        def progress(done: int, parts: int) -> None:
+            display.progress("bench", done, parts)
+
+        if masters:
+            from flexbeams.scenarios.bench.masters import measure_masters
+            from flexbeams.scenarios.cli.bench_tables import show_masters as show
+
+            figures: dict[str, Any] = measure_masters(steps, compiler, display.note, progress)
+        else:
+            from flexbeams.scenarios.bench.measure import Bench
+            from flexbeams.scenarios.cli.bench_tables import show_bench as show
+
+            with Bench(steps, compiler=compiler, report=display.note, progress=progress) as measuring:
+                figures = measuring.measure()
+    if as_json:
+        click.echo(json.dumps(figures, indent=2))
+    else:
+        show(figures)
+    return 0

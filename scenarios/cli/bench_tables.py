@@ -1,0 +1,149 @@
+"""Tables of `flexbeams bench` for the terminal."""
+
+from typing import Any
+
+from flexbeams.scenarios.cli.tables import console
+from rich.table import Table
+
+_VARIANTS = {"bare": "bare C", "fmi": "FMI functions", "runner": "runner", "numpy": "numpy"}
+
+
+def show_bench(figures: dict[str, Any]) -> None:
+    """Costs, real-time figures, growth, and each target with its verdict."""
+    out = console()
+    steps = figures["steps"]
+    out.print(
+        f"[bold]{figures['scenario']}, {steps} steps of {1e6 * figures['step_s']:g} µs[/]; least times "
+        f"and median ratios of {figures['rounds']} interleaved rounds, compiler {figures['compiler']}",
+        soft_wrap=True,
+    )
+    for table in (
+        _loops(figures["loops"], steps),
+        _transitions(figures["transitions"]),
+        _growth(figures["growth"]),
+        _targets(figures["targets"]),
+    ):
+        out.print(table)
+    r = figures["real_time"]
+    shown = ", ".join(f"{name} {1e6 * r[name]:.1f} µs" for name in ("median", "p99", "p99.99", "max"))
+    out.print(
+        f"one closed-loop step, of {r['steps']}: {shown}; {r['over_limit']} above {1e6 * r['limit']:g} µs",
+        soft_wrap=True,
+    )
+
+
+def show_masters(figures: dict[str, Any]) -> None:
+    """Seconds of each master beside the runner's, and how far they agree."""
+    out = console()
+    out.print(
+        f"[bold]{figures['scenario']}.ssp, {figures['steps']} steps of {1e6 * figures['step_s']:g} µs[/]; least "
+        "times, each master in a process of its own on one core",
+        soft_wrap=True,
+    )
+    table = _titled(
+        "s for these steps, x runner", "master", "coupling", "deviation", "recorded", "x", "silent", "x", "loading"
+    )
+    for m in figures["masters"]:
+        figures_of = (
+            ("deviation", ".1e"),
+            ("recorded_s", ".3f"),
+            ("recorded_ratio", ".1f"),
+            ("silent_s", ".3f"),
+            ("silent_ratio", ".1f"),
+            ("loading_s", ".2f"),
+        )
+        table.add_row(
+            f"{m['name']} {m['version']}",
+            m["coupling"],
+            *("" if m[key] is None else format(m[key], form) for key, form in figures_of),
+        )
+    out.print(table)
+    out.print(
+        f"recorded: {figures['signals']} signals at every step; deviation: largest difference of a signal from "
+        "the runner's with that coupling, relative to the signal's largest value. Where no loading is given, the "
+        "other times include it.",
+        soft_wrap=True,
+    )
+    if figures["missing"]:
+        out.print(f"not installed, or failed: {', '.join(figures['missing'])}", soft_wrap=True)
+
+
+def _titled(title: str, first: str, *others: str) -> Table:
+    table = Table(title=title, title_justify="left")
+    table.add_column(first)
+    for heading in others:
+        table.add_column(heading, justify="right")
+    return table
+
+
+def _loops(loops: list[dict[str, Any]], steps: int) -> Table:
+    table = _titled("loops", "loop", "", f"s for {steps} steps", "µs a step", "x bare")
+    for loop in loops:
+        for variant, title in _VARIANTS.items():
+            cost = loop[variant]
+            ratio = "" if cost["ratio"] is None else f"{cost['ratio']:.2f}"
+            table.add_row(
+                loop["name"] if variant == "bare" else "",
+                title,
+                f"{cost['seconds']:.4f}",
+                f"{cost['us_per_step']:.3f}",
+                ratio,
+                end_section=variant == "numpy",
+            )
+    return table
+
+
+def _transitions(transitions: list[dict[str, Any]]) -> Table:
+    table = _titled(
+        "step of the feedforward with transitions in progress",
+        "transitions",
+        "FMI functions, µs",
+        "bare C, µs",
+        "x bare",
+    )
+    for t in transitions:
+        table.add_row(
+            str(t["transitions"]), f"{t['fmi_us_per_step']:.2f}", f"{t['bare_us_per_step']:.2f}", f"{t['ratio']:.2f}"
+        )
+    return table
+
+
+def _growth(growth: list[dict[str, Any]]) -> Table:
+    table = _titled(
+        "growth: µs a step through the FMI functions (bare C), x bare",
+        "beams",
+        "plant's states",
+        "plant",
+        "x",
+        "modes kept a beam",
+        "reduced states",
+        "controller",
+        "x",
+    )
+    for g in growth:
+        cells = [f"{g[u]['fmi_us_per_step']:.2f} ({g[u]['bare_us_per_step']:.2f})" for u in ("plant", "controller")]
+        ratios = [f"{g[u]['ratio']:.2f}" for u in ("plant", "controller")]
+        table.add_row(
+            str(g["beams"]),
+            str(g["states"]),
+            cells[0],
+            ratios[0],
+            str(g["reduced_modes"]),
+            str(g["reduced_states"]),
+            cells[1],
+            ratios[1],
+        )
+    return table
+
+
+def _targets(targets: list[dict[str, Any]]) -> Table:
+    table = _titled("targets", "figure", "measured", "at most", "")
+    for t in targets:
+        unit = {"us": "µs"}.get(t["unit"], t["unit"])
+        table.add_row(
+            t["name"],
+            f"{t['measured']:.2f} {unit}",
+            f"{t['limit']:g} {unit}",
+            "[green]met[/]" if t["met"] else "[red bold]missed[/]",
+        )
+    return table

@@ -1,0 +1,40 @@
+"""Tables of compared runs for the terminal."""
+
+from flexbeams.scenarios.cli.tables import console
+from flexbeams.scenarios.report.comparison import Comparison, check_table, fact_table, metric_table
+from rich.markup import escape
+from rich.table import Table
+
+_MARKS = {"holds": " [green]ok[/]", "failed": " [red bold]FAILED[/]", "": ""}
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """Checks and metrics of the runs side by side."""
+    out = console()
+    for title, rows in (
+        ("runs", fact_table(comparison)),
+        ("checks", _checks(comparison)),
+        ("metrics", metric_table(comparison)),
+    ):
+        if not rows:
+            continue
+        table = Table(title=title, title_justify="left", title_style="bold")
+        table.add_column("")
+        for run in comparison.runs:
+            table.add_column(escape(run.label), justify="right")
+        for name, cells in rows:
+            table.add_row(escape(name), *(cells if title == "checks" else map(escape, cells)))
+        out.print(table)
+
+
+def _checks(comparison: Comparison) -> list[tuple[str, list[str]]]:
+    return [
+        (
+            name,
+            [
+                escape(c["measured"]) + (f" (paper {escape(c['paper'])})" if c["paper"] else "") + _MARKS[c["verdict"]]
+                for c in cells
+            ],
+        )
+        for name, cells in check_table(comparison)
+    ]

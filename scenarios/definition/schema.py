@@ -1,0 +1,259 @@
+"""The scenario file: instances, connections, inputs and checks of one experiment."""
+
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from flexbeams.controller.design import DesignOptions
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.galerkin import BasisName
+from flexbeams.plant.validation import TABLE, Finite, Index, NonNegative, Positive, checked, read_toml
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+FOLDER = Path(__file__).parents[1] / "library"
+
+Coupling = Literal["jacobi", "gauss-seidel"]
+Value = Finite | bool | list[Finite]
+Measure = Literal[
+    "largest",
+    "end_deviation",
+    "largest_change",
+    "overshoot",
+    "overshoot_percent",
+    "settling_time",
+    "motion_settling_time",
+    "decay_time",
+    "decay_ratio",
+    "open_loop_peak",
+]
+Row = Annotated[list[str], Field(min_length=1)]  # of a figure: signals drawn over each other
+SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targets")  # of an input
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Instance:
+    """One unit: a kind built from the design, or an FMU file; instances step in the order of the file."""
+
+    unit: Literal["BeamPlant", "FlatnessFeedforward", "TrackingController"] | None = None
+    fmu: str | None = None  # a file, relative to the scenario's folder
+    basis: BasisName | None = None  # of a BeamPlant; default: the design's
+    order: Index | None = None  # modes or degree of that basis
+    start: dict[str, Value] = field(default_factory=dict)  # variable, or whole array, to value
+    scale: dict[str, Finite | list[Finite]] = field(default_factory=dict)  # factor on start values, [] for all
+
+    def __post_init__(self) -> None:
+        if (self.unit is None) == (self.fmu is None):
+            raise InputError("", "must have exactly one of unit and fmu")
+        if self.unit != "BeamPlant" and (self.basis or self.order):
+            raise InputError("basis", "and order belong to a BeamPlant")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Connection:
+    """An output array (or element) that feeds an input array (or element) of the same size."""
+
+    source: str = Field(alias="from")
+    to: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Step:
+    """`value` from `time` on, zero before."""
+
+    time: NonNegative  # s
+    value: Finite | list[Finite]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Pulse:
+    """Half a sine from `time` on, as a pulse hammer gives; scaled to its integral."""
+
+    time: NonNegative  # s
+    duration: Positive  # s
+    impulse: Finite  # unit of the input times s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Target:
+    """A value that holds from `time` on."""
+
+    time: NonNegative  # s
+    value: list[Finite]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Chirp:
+    """A sine whose frequency runs from one value to another, zero before and after.
+
+    linear: f = f_0 + (f_1 - f_0) tau / T; logarithmic: f = f_0 (f_1 / f_0)^(tau / T); tau from `time`, T the duration.
+    """
+
+    time: NonNegative  # s
+    duration: Positive  # s
+    amplitude: Finite | list[Finite]  # unit of the input
+    start_frequency: NonNegative  # Hz
+    stop_frequency: NonNegative  # Hz
+    sweep: Literal["linear", "logarithmic"] = "linear"
+
+    def __post_init__(self) -> None:
+        for key in ("start_frequency", "stop_frequency"):
+            if self.sweep == "logarithmic" and getattr(self, key) == 0:
+                raise InputError(key, "must be finite and > 0 for a logarithmic sweep", getattr(self, key))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class PseudoRandom:
+    """Levels that each hold for `hold`, the same in every run; zero before `time` and after the duration.
+
+    binary: +-amplitude by a maximum-length sequence, which repeats after 2^register - 1 levels; levels: uniformly
+    distributed within +-amplitude. An amplitude for each element gives each a sequence of its own.
+    """
+
+    time: NonNegative = 0.0  # s
+    duration: Positive | None = None  # s, default: to the end of the run
+    amplitude: Finite | list[Finite]  # unit of the input
+    hold: Positive  # s
+    kind: Literal["binary", "levels"] = "binary"
+    register: Annotated[int, Field(ge=2, le=20, strict=True)] = 10  # bits of the shift register of `binary`
+    seed: Annotated[int, Field(ge=0, lt=2**63, strict=True)] = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Table:
+    """Columns of a CSV file over its first one, the time; the first and the last row hold beyond the file's ends."""
+
+    file: str  # relative to the scenario's folder
+    columns: Annotated[list[str], Field(min_length=1)] | None = None  # names of the header, a[1], a[2] ... also as a
+    hold: Literal["zero", "linear"] = "zero"  # keep each row up to the next, or join them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Input:
+    """What drives an input from outside: exactly one signal."""
+
+    to: str
+    constant: Finite | list[Finite] | None = None
+    step: Step | None = None
+    pulse: Pulse | None = None
+    chirp: Chirp | None = None
+    pseudo_random: PseudoRandom | None = None
+    table: Table | None = None
+    targets: Annotated[list[Target], Field(min_length=1)] | None = None
+
+    def __post_init__(self) -> None:
+        given = [s for s in SIGNALS if getattr(self, s) is not None]
+        if len(given) != 1:
+            raise InputError(
+                "", f"must have exactly one of {', '.join(SIGNALS[:-1])} and {SIGNALS[-1]}", ", ".join(given) or "none"
+            )
+        times = [t.time for t in self.targets or []]
+        if sorted(set(times)) != times:
+            raise InputError("targets", "must have ascending times", times)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Check:
+    """A figure of the run, with its limits and what the paper gives."""
+
+    name: str
+    measure: Measure
+    of: str  # a recorded signal, array or element
+    after: NonNegative = 0.0  # s, start of the window
+    before: Positive | None = None  # s, end of the window, default the end of the run
+    reference: Literal["zero", "target", "end", "start"] | list[Finite] = "zero"
+    points: Annotated[list[Index], Field(min_length=1)] | None = None  # elements of the array that count
+    share: Positive = 0.02  # band of a settling or decay time
+    relative: bool = False  # in % of the largest |target|
+    unit: str = ""
+    min: Finite | None = None
+    max: Finite | None = None
+    paper: Finite | str | None = None
+
+    def __post_init__(self) -> None:
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise InputError("min", f"must be <= max ({self.max:g})", self.min)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Figure:
+    """Rows of plots over time, a column an element."""
+
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    title: str = ""
+    rows: Annotated[list[Row], Field(min_length=1)]  # open_loop.<signal>: of that run
+    points: Annotated[list[Index], Field(min_length=1)] | None = None  # columns
+    start: NonNegative = 0.0  # s
+    stop: Positive | None = None  # s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+class Scenario:
+    """One experiment."""
+
+    title: str
+    paper: str = ""  # what of the paper it repeats
+    structure: str  # a shipped name, or a file relative to the scenario's folder
+    stop_time: Positive  # s
+    step: Positive | None = None  # s, default: the design's sample time
+    coupling: Coupling = "jacobi"
+    design: DesignOptions = field(default_factory=DesignOptions)
+    instance: dict[str, Instance]
+    connection: list[Connection] = field(default_factory=list)
+    input: list[Input] = field(default_factory=list)
+    record: list[str] | None = None  # further signals, or locals, to record
+    open_loop: str | None = None  # scenario whose run the decay is compared with
+    check: list[Check] = field(default_factory=list)
+    figure: list[Figure] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if not self.instance:
+            raise InputError("instance", "must hold at least one instance")
+        for name in self.instance:
+            if not name.isidentifier():
+                raise InputError(f"instance.{name}", "must be a name of letters, digits and underscores")
+
+
+def scenario_files() -> dict[str, Path]:
+    """The shipped scenarios by name, in the order of a tour."""
+    order = [
+        "step_response",
+        "feedforward",
+        "tracking",
+        "disturbance_open_loop",
+        "disturbance",
+        "retarget",
+        "high_fidelity",
+        "mismatch",
+        "single_beam",
+        "five_beams",
+    ]
+    files = {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+    return {name: files[name] for name in [*(n for n in order if n in files), *(n for n in files if n not in order)]}
+
+
+def find_scenario(name: str) -> Path:
+    """The file of a scenario given as a shipped name or as a file; InputError where there is none."""
+    shipped = scenario_files()
+    if name in shipped:
+        return shipped[name]
+    if Path(name).suffix.lower() == ".fmu":
+        raise InputError("scenario", "must be a scenario or an SSP package, which name FMUs", name)
+    if Path(name).is_file():
+        return Path(name)
+    raise InputError("scenario", f"{name!r} is neither a file nor a shipped scenario" + suggestion(name, shipped))
+
+
+def read_scenario(path: Path) -> Scenario:
+    """A scenario file, checked; InputError in one line otherwise."""
+    return checked(Scenario, read_toml(path), str(path))
+
+
+def first_comment(path: Path) -> str:
+    """The first comment of a scenario file: what it shows."""
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)

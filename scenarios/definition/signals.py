@@ -1,0 +1,182 @@
+"""Signals that drive inputs from outside the units.
+
+A time counts as reached from 1e-9 s before on, so that rounding of k * step cannot shift an edge by a step.
+Piecewise constant signals are continuous from the right.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.schema import Chirp, Input, PseudoRandom, Pulse, Step, Table, Target
+from flexbeams.scenarios.definition.time_table import read_time_table
+
+EARLY = 1e-9  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """A function of time alone: how a run is split into blocks does not change it."""
+
+    width: int  # elements; a signal of one may be spread over an array
+    sample: Callable[[Array], Array]  # times (k,) in s, ascending, to values (k, width)
+
+
+def signal_of(drive: Input, folder: Path) -> Signal:
+    """The signal of a scenario's input; files are relative to `folder`. InputError names key and value."""
+    if drive.step:
+        return _step(drive.step)
+    if drive.pulse:
+        return _pulse(drive.pulse)
+    if drive.chirp:
+        return _chirp(drive.chirp)
+    if drive.pseudo_random:
+        return _binary(drive.pseudo_random) if drive.pseudo_random.kind == "binary" else _levels(drive.pseudo_random)
+    if drive.table:
+        return _table(drive.table, folder)
+    if drive.targets:
+        return _targets(drive.targets)
+    assert drive.constant is not None
+    value = _row(drive.constant)
+    return Signal(width=len(value), sample=lambda time: np.tile(value, (len(time), 1)))
+
+
+def require_sampled(drive: Input, step: float) -> None:
+    """InputError for a signal faster than steps of `step` s can show."""
+    if drive.chirp:
+        for key in ("start_frequency", "stop_frequency"):
+            if getattr(drive.chirp, key) * step > 0.5:
+                raise InputError(
+                    f"chirp.{key}", f"must be <= {0.5 / step:g} Hz, half the step rate", getattr(drive.chirp, key)
+                )
+    if drive.pseudo_random and drive.pseudo_random.hold < step - EARLY:
+        raise InputError("pseudo_random.hold", f"must be at least the step of {step:g} s", drive.pseudo_random.hold)
+
+
+def _row(value: float | list[float]) -> Array:
+    return np.atleast_1d(np.asarray(value, dtype=float))
+
+
+def _step(step: Step) -> Signal:
+    value = _row(step.value)
+    return Signal(width=len(value), sample=lambda time: np.outer(time + EARLY >= step.time, value))
+
+
+def _pulse(pulse: Pulse) -> Signal:
+    """Half a sine of height pi impulse / (2 duration), whose integral is the impulse."""
+    height = np.pi * pulse.impulse / (2 * pulse.duration)
+
+    def sample(time: Array) -> Array:
+        phase = (time - pulse.time) / pulse.duration
+        inside = (time + EARLY >= pulse.time) & (phase < 1)
+        return np.where(inside, height * np.sin(np.pi * phase), 0.0)[:, None]
+
+    return Signal(width=1, sample=sample)
+
+
+def _chirp(chirp: Chirp) -> Signal:
+    """amplitude sin(2 pi c), c the integral of the frequency from `time` on."""
+    first, ratio = chirp.start_frequency, 1.0
+    amplitude = _row(chirp.amplitude)
+    if chirp.sweep == "logarithmic":
+        ratio = chirp.stop_frequency / chirp.start_frequency
+
+    def sample(time: Array) -> Array:
+        tau = time - chirp.time
+        inside = (tau + EARLY >= 0) & (tau + EARLY < chirp.duration)
+        share = np.where(inside, tau, 0.0) / chirp.duration
+        if ratio == 1.0:
+            slope = 0.0 if chirp.sweep == "logarithmic" else chirp.stop_frequency - first
+            cycles = chirp.duration * (first * share + slope * share**2 / 2)
+        else:
+            cycles = chirp.duration * first * np.expm1(share * np.log(ratio)) / np.log(ratio)
+        return np.outer(np.where(inside, np.sin(2 * np.pi * cycles), 0.0), amplitude)
+
+    return Signal(width=len(amplitude), sample=sample)
+
+
+def _held(signal: PseudoRandom, levels: Callable[[int, int], Array]) -> Signal:
+    """Level k from time + k hold on; levels(k, count) gives those from k on, (count, width), within -1 ... 1."""
+    amplitude = _row(signal.amplitude)
+    duration = np.inf if signal.duration is None else signal.duration
+
+    def sample(time: Array) -> Array:
+        tau = time - signal.time + EARLY
+        inside = (tau >= 0) & (tau < duration)
+        values = np.zeros((len(time), len(amplitude)))
+        if inside.any():
+            number = np.floor(tau[inside] / signal.hold).astype(np.int64)
+            first = int(number[0])
+            values[inside] = levels(first, int(number[-1]) - first + 1)[number - first] * amplitude
+        return values
+
+    return Signal(width=len(amplitude), sample=sample)
+
+
+def _binary(signal: PseudoRandom) -> Signal:
+    """+-1 by a maximum-length sequence; each element begins a share of the period later, the first where seed says."""
+    sequence, begin = binary_sequence(signal)
+    period, width = len(sequence), len(_row(signal.amplitude))
+    offsets = begin + np.arange(width) * period // width
+    return _held(signal, lambda first, count: sequence[(first + np.arange(count)[:, None] + offsets) % period])
+
+
+def binary_sequence(signal: PseudoRandom) -> tuple[Array, int]:
+    """One period of +-1 of a maximum-length sequence (2^register - 1,), and the number of its first level."""
+    from scipy.signal import max_len_seq
+
+    sequence = 2.0 * max_len_seq(signal.register)[0] - 1.0
+    return sequence, int(np.random.Philox(key=signal.seed).random_raw() % len(sequence))
+
+
+def _levels(signal: PseudoRandom) -> Signal:
+    """Uniform within -1 ... 1: numbers of the counter-based generator Philox, four to a count, an element a key."""
+    width = len(_row(signal.amplitude))
+
+    def levels(first: int, count: int) -> Array:
+        begin = first % 4
+        raw = [
+            np.random.Philox(key=signal.seed + (k << 64), counter=first // 4).random_raw(begin + count)[begin:]
+            for k in range(width)
+        ]
+        return (np.stack(raw, axis=1) >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
+
+    return _held(signal, levels)
+
+
+def table_rows(table: Table, folder: Path) -> Array:
+    """Time (s) and the columns chosen, (rows, 1 + width); the file is relative to `folder`."""
+    path = folder / table.file
+    if not path.is_file():
+        raise InputError("table.file", "must be a file", str(path))
+    rows = read_time_table(path)
+    try:
+        values = rows.values if table.columns is None else rows.select(table.columns)
+    except InputError as error:
+        raise error.at("", "table.") from None
+    return np.column_stack([rows.time, values])
+
+
+def _table(table: Table, folder: Path) -> Signal:
+    rows = table_rows(table, folder)
+    times, values = rows[:, 0], rows[:, 1:]
+
+    def hold(time: Array) -> Array:
+        return values[np.maximum(np.searchsorted(times, time + EARLY, side="right") - 1, 0)]
+
+    def join(time: Array) -> Array:
+        return np.stack([np.interp(time, times, column) for column in values.T], axis=1)
+
+    return Signal(width=values.shape[1], sample=hold if table.hold == "zero" else join)
+
+
+def _targets(targets: list[Target]) -> Signal:
+    sizes = sorted({len(t.value) for t in targets})
+    if len(sizes) != 1:
+        raise InputError("targets", "must all have the same number of values", sizes)
+    values = np.array([np.zeros(sizes[0]), *[t.value for t in targets]])
+    times = [t.time for t in targets]
+    return Signal(width=sizes[0], sample=lambda time: values[np.searchsorted(times, time + EARLY, side="right")])

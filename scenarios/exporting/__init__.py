@@ -1,0 +1,1 @@
+"""How a scenario leaves the house: SSP, OSP, container, closed loop."""

@@ -1,0 +1,137 @@
+"""A scenario as packages of every format hold it: units built with their start values, their wiring, their signals."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from flexbeams.fmus.errors import InterfaceError
+from flexbeams.fmus.packaging.build import native_unit
+from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
+from flexbeams.fmus.units.signal_source import signal_source, source_data
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.schema import Coupling, Scenario, find_scenario, first_comment
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.exporting.source_signals import source_signals
+from flexbeams.scenarios.importing.extraction import unit_description
+from flexbeams.scenarios.runs.prepare import Draft, draft_run
+from flexbeams.scenarios.runs.scenario import prepare
+
+SOURCE = "source"  # name of the unit that gives the external signals, with _ behind it where an instance has it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bundle:
+    """Units by component, in the order in which they step, and how they are wired."""
+
+    name: str
+    about: str
+    units: dict[str, Any]  # FMPy's descriptions
+    files: dict[str, Path]  # their FMUs
+    connections: list[tuple[str, str, str, str]]  # component, output, component, input
+    stop_time: float  # s
+    step: float  # s
+    coupling: Coupling
+
+
+def build_bundle(
+    name: str,
+    folder: Path,
+    settings: Settings,
+    platforms: Sequence[str] = ("host",),
+    report: Callable[[str], None] = lambda text: None,
+) -> Bundle:
+    """Builds a scenario's units into `folder`; errors as of a run, and BuildError where units cannot be compiled.
+
+    Start values are built in: they are the units' own, whether a tool reads parameter sets or not.
+    """
+    path = find_scenario(name)
+    scenario, design = prepare(path, settings)
+    scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
+    units, files = [], {}
+    for instance, declared in scenario.instance.items():
+        files[instance] = folder / f"{_file_name(scenario, instance)}.fmu"
+        if declared.unit is None:
+            files[instance].write_bytes(_given(path, instance, str(declared.fmu), draft).read_bytes())
+            continue
+        units.append(
+            native_unit(declared.unit, design, draft.models[instance], files[instance], draft.starts[instance])
+        )
+    source, driven = _source(path, scenario, draft, folder / "SignalSource.fmu")
+    if driven:
+        units.append(source)
+        files[_source_name(scenario)] = source.out
+    report(f"building {', '.join(unit.interface.unit_name for unit in units)}")
+    build_native_units(units, platforms, settings.compiler, version=version("flexbeams"))
+    return Bundle(
+        name=path.stem,
+        about=first_comment(path) or scenario.title,
+        units={n: unit_description(file, "FMU", str(path)) for n, file in files.items()},
+        files=files,
+        connections=_connections(draft, driven, _source_name(scenario)),
+        stop_time=scenario.stop_time,
+        step=draft.step,
+        coupling=scenario.coupling,
+    )
+
+
+def parameters_of(unit: Any) -> list[Any]:
+    """Variables of a unit whose start values a package gives once more."""
+    return [v for v in unit.modelVariables if v.causality == "parameter" and v.type in ("Real", "Integer", "Boolean")]
+
+
+def _given(path: Path, instance: str, fmu: str, draft: Draft) -> Path:
+    """An FMU that the scenario brings along; start values cannot be built into it."""
+    if draft.starts[instance]:
+        raise InputError(
+            f"instance.{instance}",
+            "must keep the start values of its FMU in a package: many tools ignore parameter sets",
+            ", ".join(draft.starts[instance]),
+            source=str(path),
+        )
+    return path.parent / fmu
+
+
+def _file_name(scenario: Scenario, instance: str) -> str:
+    """The unit's name; where several are of one unit, or the FMU was brought along, with the instance's."""
+    kinds = [i.unit or "FMU" for i in scenario.instance.values()]
+    unit = scenario.instance[instance].unit or "FMU"
+    return unit if unit != "FMU" and kinds.count(unit) == 1 else f"{unit}_{instance}"
+
+
+def _source_name(scenario: Scenario) -> str:
+    name = SOURCE
+    while name in scenario.instance:
+        name += "_"
+    return name
+
+
+def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[NativeUnit, dict[str, str]]:
+    """The unit of the external signals, and its output by <instance>.<input>."""
+    signals, driven = source_signals(
+        scenario,
+        path.parent,
+        {n: i.variables for n, i in draft.instances.items()},
+        draft.starts,
+        set(draft.plan.links()),
+    )
+    try:
+        interface = signal_source(signals, draft.step, scenario.stop_time)
+    except InterfaceError as error:  # inputs of others whose names cannot be those of outputs
+        raise InputError("input", str(error), source=str(path)) from None
+    data, meta = source_data(interface, signals)
+    return NativeUnit(interface=interface, data=data, meta=meta, out=out), driven
+
+
+def _connections(draft: Draft, driven: Mapping[str, str], source: str) -> list[tuple[str, str, str, str]]:
+    """By component and connector, in the order of the inputs."""
+    links, found = draft.plan.links(), []
+    for instance, declared in draft.instances.items():
+        for name in (n for n, v in declared.variables.items() if v.causality == "input"):
+            if f"{instance}.{name}" in driven:
+                found.append((source, driven[f"{instance}.{name}"], instance, name))
+            elif f"{instance}.{name}" in links:
+                start, _, output = links[f"{instance}.{name}"].partition(".")
+                found.append((start, output, instance, name))
+    return found

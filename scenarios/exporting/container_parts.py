@@ -1,0 +1,114 @@
+"""The units inside a container: built with their start values, or brought along by the scenario."""
+
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from flexbeams.controller.design import Design
+from flexbeams.fmus.errors import InterfaceError
+from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.variables import Variable
+from flexbeams.fmus.packaging.build import native_unit
+from flexbeams.fmus.packaging.compilers import Platform
+from flexbeams.fmus.packaging.native import build_native_units
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.schema import Scenario
+from flexbeams.scenarios.runs.prepare import Draft
+
+# Platform that the tool has a binary for: the folder in which that binary looks for those of the units inside
+FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "aarch64-darwin": "darwin64"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A unit inside."""
+
+    unit: str  # its modelName
+    variables: tuple[Variable, ...]  # that the container could show
+    description: Any = None  # FMPy's, of an FMU that the scenario brings along
+
+
+def build_parts(
+    path: Path,
+    scenario: Scenario,
+    design: Design,
+    draft: Draft,
+    folder: Path,
+    targets: Sequence[Platform],
+    compiler: str,
+    report: Callable[[str], None],
+) -> dict[str, Part]:
+    """Units by instance, their files in `folder`."""
+    parts, units = {}, []
+    for instance, declared in scenario.instance.items():
+        file = folder / f"{instance}.fmu"
+        if declared.unit is None:
+            description = draft.instances[instance].description
+            file.write_bytes(_given(path, instance, str(declared.fmu), draft, targets).read_bytes())
+            parts[instance] = Part(
+                unit=description.modelName,
+                description=description,
+                variables=_given_variables(instance, description, draft.plan.columns, path),
+            )
+            continue
+        units.append(native_unit(declared.unit, design, draft.models[instance], file, draft.starts[instance]))
+        parts[instance] = Part(unit=declared.unit, variables=units[-1].interface.variables)
+    if units:
+        report(f"building {', '.join(unit.interface.unit_name for unit in units)}")
+        build_native_units(units, [target.name for target in targets], compiler, version=version("flexbeams"))
+    return parts
+
+
+def _given(path: Path, instance: str, fmu: str, draft: Draft, targets: Sequence[Platform]) -> Path:
+    """An FMU that the scenario brings along. The tool's start values are no way out: they undo what a host sets."""
+    source, file = str(path), path.parent / fmu
+    if draft.starts[instance]:
+        raise InputError(
+            f"instance.{instance}",
+            "must keep the start values of its FMU in a container",
+            ", ".join(draft.starts[instance]),
+            source=source,
+        )
+    with zipfile.ZipFile(file) as archive:
+        folders = {name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")}
+    for target in targets:
+        if not folders & {target.name, FOLDERS[target.name]}:
+            raise InputError(f"instance.{instance}.fmu", f"must have a binary for {target.name}", fmu, source=source)
+    return file
+
+
+def _given_variables(instance: str, description: Any, columns: Sequence[str], path: Path) -> tuple[Variable, ...]:
+    """Those of an FMU that a scenario brings along, as far as a container shows them: only what a run records."""
+    read: dict[str, Callable[[str], float | int | bool]] = {
+        "Real": float,
+        "Integer": int,
+        "Boolean": lambda text: text in ("true", "1"),
+    }
+    found = []
+    for v in description.modelVariables:
+        given = v.causality in ("input", "parameter")
+        if v.type not in read or not (given or f"{instance}.{v.name}" in columns):
+            continue
+        limits = [None if bound is None or v.type == "Boolean" else float(bound) for bound in (v.min, v.max)]
+        starts = given or v.variability == "constant"
+        try:
+            found.append(
+                Variable(
+                    name=v.name,
+                    type=v.type,
+                    causality=v.causality,
+                    variability=v.variability or "",
+                    start=read[v.type](v.start or "0") if starts else None,
+                    minimum=limits[0],
+                    maximum=limits[1],
+                    unit=v.unit if v.type == "Real" and v.unit in BASE_UNITS else None,
+                    nominal=float(v.nominal) if v.type == "Real" and v.nominal else None,
+                    description=v.description or "",
+                )
+            )
+        except InterfaceError as error:
+            raise InputError("", f"cannot be a container: {error}", source=str(path)) from None
+    return tuple(found)

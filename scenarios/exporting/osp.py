@@ -1,0 +1,74 @@
+"""A scenario as the Open Simulation Platform configures it: OspSystemStructure.xml with the FMUs beside it."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from flexbeams.fmus.documents.xml_documents import xml_bytes
+from flexbeams.plant.archive import write_whole, zip_bytes
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.exporting.bundle import Bundle, build_bundle, parameters_of
+
+OSP = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
+STRUCTURE = "OspSystemStructure.xml"
+
+
+def export_osp(
+    name: str,
+    out: Path,
+    settings: Settings,
+    platforms: Sequence[str] = ("host",),
+    report: Callable[[str], None] = lambda text: None,
+) -> Path:
+    """Writes a scenario into a folder, or into FILE.zip; errors as of `build_bundle`.
+
+    Equal arguments give equal bytes. OSP's tools read the folder; the archive is to be extracted first.
+    """
+    archived = out.suffix.lower() == ".zip"
+    if out.exists() and out.is_dir() == archived:
+        raise InputError("--out", "must be a folder, or FILE.zip", str(out))
+    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
+        bundle = build_bundle(name, Path(folder), settings, platforms, report)
+        entries = {file.name: file.read_bytes() for file in bundle.files.values()}
+    entries[STRUCTURE] = system_document(bundle)
+    if archived:
+        write_whole(out, zip_bytes(entries))
+    else:
+        for path, content in entries.items():
+            write_whole(out / path, content)
+    return out
+
+
+def system_document(bundle: Bundle) -> bytes:
+    """OspSystemStructure.xml."""
+    root = ElementTree.Element("OspSystemStructure", xmlns=OSP, version="0.1")
+    for key, value in (
+        ("StartTime", "0.0"),
+        ("EndTime", repr(float(bundle.stop_time))),
+        ("BaseStepSize", repr(bundle.step)),
+        ("Algorithm", "fixedStep"),
+    ):
+        ElementTree.SubElement(root, key).text = value
+    simulators = ElementTree.SubElement(root, "Simulators")
+    for name, unit in bundle.units.items():
+        simulator = ElementTree.SubElement(simulators, "Simulator", name=name, source=bundle.files[name].name)
+        _add_values(simulator, parameters_of(unit))
+    if bundle.connections:
+        connections = ElementTree.SubElement(root, "Connections")
+        for start, output, end, target in bundle.connections:
+            connection = ElementTree.SubElement(connections, "VariableConnection")
+            ElementTree.SubElement(connection, "Variable", simulator=start, name=output)
+            ElementTree.SubElement(connection, "Variable", simulator=end, name=target)
+    return xml_bytes(root)
+
+
+def _add_values(simulator: ElementTree.Element, parameters: list[Any]) -> None:
+    """The units' own start values, to be changed by hand."""
+    if parameters:
+        values = ElementTree.SubElement(simulator, "InitialValues")
+        for variable in parameters:
+            value = ElementTree.SubElement(values, "InitialValue", variable=variable.name)
+            ElementTree.SubElement(value, variable.type, value=variable.start)

@@ -1,0 +1,1 @@
+"""FMUs and SSP packages of unknown origin."""

@@ -1,0 +1,125 @@
+"""FMUs and SSPs of others: checked before anything is written, extracted inside one folder and nowhere else."""
+
+import re
+import stat
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from flexbeams.plant.errors import InputError
+
+CHUNK = 1 << 20
+_STORED_AS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+
+
+@dataclass(kw_only=True)
+class Allowance:
+    """What may still be extracted; archives inside one another share it."""
+
+    entries: int = 20_000
+    size: int = 1 << 30  # bytes, uncompressed
+    ratio: float = 200.0  # uncompressed by compressed size, of entries larger than a chunk
+
+    def check(self, path: Path) -> list[zipfile.ZipInfo]:
+        """The entries of an archive that keeps to the rules; InputError for one that does not."""
+        source = str(path)
+        try:
+            with zipfile.ZipFile(path) as archive:
+                entries = archive.infolist()
+        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+            raise InputError("", f"is not a readable archive: {error}", source=source) from None
+        if len(entries) > self.entries:
+            raise InputError("", f"must hold at most {self.entries} entries", len(entries), source=source)
+        if (total := sum(e.file_size for e in entries)) > self.size:
+            raise InputError("", f"must be at most {self.size} bytes when extracted", total, source=source)
+        seen: set[PurePosixPath] = set()
+        for entry in entries:
+            where = _checked_name(entry, source)
+            if where in seen:
+                raise InputError("", "must hold each entry once", entry.filename, source=source)
+            seen.add(where)
+            if entry.file_size > max(CHUNK, self.ratio * entry.compress_size):
+                raise InputError(
+                    entry.filename,
+                    f"must be compressed by at most a factor {self.ratio:g}",
+                    f"{entry.compress_size} for {entry.file_size} bytes",
+                    source=source,
+                )
+        for where in seen:
+            if any(parent in seen and not _is_folder(entries, parent) for parent in where.parents):
+                raise InputError("", "must not hold a file and a folder of one name", str(where), source=source)
+        self.entries -= len(entries)
+        self.size -= total
+        return entries
+
+    def extract(self, path: Path, folder: Path, parts: tuple[str, ...] = ("",)) -> Path:
+        """All entries below `folder`, which is made; InputError for an archive that breaks the rules or is damaged.
+
+        Entries whose paths begin with none of `parts` are checked, and left where they are.
+        """
+        entries = self.check(path)
+        folder.mkdir(parents=True)
+        try:
+            with zipfile.ZipFile(path) as archive:
+                for entry in entries:
+                    if entry.filename.startswith(parts):
+                        _write(archive, entry, folder)
+        except (
+            zipfile.BadZipFile,
+            zlib.error,
+            EOFError,
+            OSError,
+            NotImplementedError,
+            ValueError,
+            RuntimeError,
+            MemoryError,
+        ) as error:
+            raise InputError("", f"cannot be extracted: {error}", source=str(path)) from None
+        return folder
+
+
+def _checked_name(entry: zipfile.ZipInfo, source: str) -> PurePosixPath:
+    """Where an entry goes, relative to the folder."""
+    name, raw = entry.filename, entry.orig_filename
+    path = PurePosixPath(name)
+    if (
+        not name
+        or "\0" in raw
+        or "\\" in raw
+        or path.is_absolute()
+        or re.match(r"[A-Za-z]:", name)
+        or ".." in path.parts
+        or not path.parts
+    ):
+        raise InputError("", "must hold entries with paths inside it, with / between folders", raw, source=source)
+    kind = stat.S_IFMT(entry.external_attr >> 16)
+    if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+        raise InputError("", "must hold files and folders only, no links", name, source=source)
+    if entry.flag_bits & 0x1:
+        raise InputError("", "must not be encrypted", name, source=source)
+    if entry.compress_type not in _STORED_AS:
+        raise InputError("", "must be compressed by a known method", name, source=source)
+    return path
+
+
+def _is_folder(entries: list[zipfile.ZipInfo], path: PurePosixPath) -> bool:
+    return any(e.is_dir() and PurePosixPath(e.filename) == path for e in entries)
+
+
+def _write(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> None:
+    """One entry; what an archive says of its size holds, or it counts as damaged."""
+    target = folder.joinpath(*PurePosixPath(entry.filename).parts)
+    if entry.is_dir():
+        target.mkdir(parents=True, exist_ok=True)
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    written = 0
+    with archive.open(entry) as content, target.open("xb") as file:
+        while chunk := content.read(CHUNK):
+            written += len(chunk)
+            if written > entry.file_size:
+                raise zipfile.BadZipFile(f"{entry.filename} is longer than it says")
+            file.write(chunk)
+    if written != entry.file_size:
+        raise zipfile.BadZipFile(f"{entry.filename} is shorter than it says")

@@ -1,0 +1,16 @@
+"""Python in a process of its own: with the modules of this package, and none of the present folder."""
+
+import os
+import sys
+from pathlib import Path
+
+
+def python_command(*arguments: str) -> list[str]:
+    """The command line of this interpreter with arguments."""
+    return [sys.executable, "-P", *arguments]
+
+
+def python_environment() -> dict[str, str]:
+    """The environment of such a process, wherever this package lies."""
+    paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}

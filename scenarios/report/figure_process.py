@@ -1,0 +1,67 @@
+"""A process beside a run that draws its figures: it imports the plotting library while the run steps.
+
+`serve` is what that process does: plots come pickled on standard input, one byte on standard output ends them.
+"""
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from types import TracebackType
+
+from flexbeams.scenarios.processes.children import python_command, python_environment
+from flexbeams.scenarios.processes.interrupt import deaf_children
+from flexbeams.scenarios.report.plots import Plot
+
+_DONE = b"."
+_PROGRAM = "from scenarios.figure_process import serve; serve()"
+
+
+class FigureProcess:
+    """Draws plots beside what the caller does; what it cannot draw is drawn by the caller."""
+
+    def __init__(self) -> None:
+        with deaf_children():
+            self._process = subprocess.Popen(
+                python_command("-c", _PROGRAM),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=python_environment(),
+            )
+        self._plots: Sequence[Plot] = ()
+
+    def __enter__(self) -> "FigureProcess":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def begin(self, plots: Sequence[Plot]) -> None:
+        """Hands the plots over."""
+        self._plots = plots
+        assert self._process.stdin is not None
+        try:
+            pickle.dump(plots, self._process.stdin)
+            self._process.stdin.flush()
+        except OSError:  # it is lost; finish will see
+            pass
+
+    def finish(self) -> None:
+        """Waits for the files; errors as of writing them."""
+        assert self._process.stdout is not None
+        if self._process.stdout.read(1) != _DONE:
+            from flexbeams.scenarios.report.figures import write_figures
+
+            write_figures(self._plots)
+
+
+def serve() -> None:
+    """Draws one list of plots."""
+    from flexbeams.scenarios.report.figures import write_figures
+
+    write_figures(pickle.load(sys.stdin.buffer))
+    sys.stdout.buffer.write(_DONE)

@@ -1,0 +1,86 @@
+"""Figures in the style of the paper's Figs. 4, 5 and 6, drawn as PNG and SVG."""
+
+import io
+from collections.abc import Iterable
+from pathlib import Path
+
+import matplotlib
+from flexbeams.plant.archive import write_whole
+from flexbeams.scenarios.report.plots import Panel, Plot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+# All in inches: a panel with what is written beside it, its axes alone, the space around all panels. A search for
+# the best layout would take as long as the drawing.
+_PANEL, _AXES = (3.0, 2.3), (2.45, 1.85)
+_LEFT, _RIGHT, _BOTTOM, _TOP = 0.72, -0.4, 0.5, 0.25
+_COLOURS = ("#2c8a3c", "#1f4fb4", "#c43131", "#8a5a00", "#6a3d9a", "#0e7c7b")
+
+
+def write_figures(plots: Iterable[Plot]) -> list[Path]:
+    """Draws the plots; returns the files."""
+    return [path for plot in plots for path in write_figure(plot)]
+
+
+def write_figure(plot: Plot) -> list[Path]:
+    """<stem>.png and <stem>.svg; same plot, same bytes."""
+    canvas = draw(plot)
+    written = []
+    for kind in ("png", "svg"):
+        buffer = io.BytesIO()
+        with matplotlib.rc_context({"svg.hashsalt": "flexbeams", "svg.fonttype": "none"}):
+            canvas.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
+        path = plot.stem.with_name(f"{plot.stem.name}.{kind}")
+        write_whole(path, buffer.getvalue())
+        written.append(path)
+    return written
+
+
+def draw(plot: Plot) -> Figure:
+    """The plot on a canvas of its own."""
+    columns, count = max(len(row.panels) for row in plot.rows), len(plot.rows)
+    width, height = _LEFT + columns * _PANEL[0] + _RIGHT, _TOP + count * _PANEL[1] + _BOTTOM
+    canvas = Figure(figsize=(width, height))
+    grid = canvas.subplots(count, columns, squeeze=False, sharex=True)
+    for r, (row, line) in enumerate(zip(plot.rows, grid, strict=True)):
+        low = _BOTTOM + (count - 1 - r) * _PANEL[1]
+        for c, axis in enumerate(line):
+            left = _LEFT + c * _PANEL[0]
+            axis.set_position((left / width, low / height, _AXES[0] / width, _AXES[1] / height))
+            _style(axis)
+            if c < len(row.panels):
+                _fill(axis, row.panels[c], row.legend)
+        line[0].set_ylabel(row.axis, fontsize=9)
+        line[0].yaxis.set_label_coords(-0.55 / _AXES[0], 0.5)
+        if row.legend:
+            line[0].legend(fontsize=8, frameon=False)
+    for axis in grid[-1]:
+        axis.set_xlabel("time in s", fontsize=9)
+        axis.xaxis.set_label_coords(0.5, -0.3 / _AXES[1])
+    middle = (_LEFT + columns * _PANEL[0] - _PANEL[0] + _AXES[0] + _LEFT) / 2
+    canvas.suptitle(plot.title, fontsize=11, x=middle / width, y=1 - 0.1 / height)
+    return canvas
+
+
+def _fill(axis: Axes, panel: Panel, several: bool) -> None:
+    for line in panel.lines:
+        colour = _COLOURS[line.place % len(_COLOURS) if several else 1]
+        axis.plot(
+            line.time,
+            line.values,
+            color=colour,
+            label=line.label,
+            solid_capstyle="butt",
+            linewidth=3.3 if line.style == "wide" else 1.1,
+            alpha=1.0 if line.style == "own" else 0.5,
+        )
+    axis.set_title(panel.title, fontsize=9, y=1.0)
+
+
+def _style(axis: Axes) -> None:
+    for scale in (axis.xaxis, axis.yaxis):
+        scale.set_major_locator(MaxNLocator(5, steps=(1, 2, 2.5, 5, 10)))
+    axis.grid(alpha=0.3, linewidth=0.5)
+    axis.tick_params(labelsize=8)
+    axis.margins(x=0)

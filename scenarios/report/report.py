@@ -1,0 +1,132 @@
+"""report.html: one self-contained page about a run, made for a person."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from flexbeams.plant.archive import write_whole
+from flexbeams.scenarios.report.animation import animation
+from flexbeams.scenarios.report.page import render
+from flexbeams.scenarios.report.panels import figure_groups, further_group
+from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
+from flexbeams.scenarios.runs.scenario import Run
+
+_TIMING = {"steps": "steps", "wall_s": "stepping loop, s", "real_time_factor": "times real time"}
+
+
+def write_report(run: Run, folder: Path) -> Path:
+    """Writes report.html of a complete run."""
+    path = folder / "report.html"
+    write_whole(path, report_html(run).encode())
+    return path
+
+
+def report_html(run: Run) -> str:
+    """The page; equal runs give equal bytes but for the section on timing."""
+    groups = figure_groups(run.scenario, run.recording, run.open_loop)
+    if further := further_group(run.scenario, run.recording):
+        groups.append(further)
+    moving = animation(run.recording.frames, run.design, _step(run))
+    data = {"groups": groups, "animation": moving}
+    return render(
+        "report.html.j2",
+        title=run.scenario.title,
+        paper=run.scenario.paper,
+        about=run.about,
+        checks=[check_row(c) for c in run.summary["checks"]],
+        outcome=_outcome(run),
+        facts=_facts(run),
+        metrics=_metrics(run.summary["metrics"], run.summary["checks"]),
+        timing=_timing(run.summary["timing"]),
+        groups=groups,
+        animation=moving,
+        data=data,
+    )
+
+
+def check_row(record: dict[str, Any]) -> dict[str, str]:
+    """An entry of summary.json's `checks` as text."""
+    unit = record["unit"]
+    limit = limits(*check_limits(record), unit).replace("<=", "≤").replace(">=", "≥")
+    return {
+        "name": record["name"],
+        "measured": number(record["value"], unit) or "no value",
+        "limit": limit,
+        "paper": number(record["paper"], unit),
+        "verdict": verdict(record),
+    }
+
+
+def _outcome(run: Run) -> dict[str, Any]:
+    limited = [o for o in run.outcomes if o.minimum is not None or o.maximum is not None]
+    failed = sum(not o.passed for o in limited)
+    if not limited:
+        return {"passed": None, "text": "No checks"}
+    count = f"{len(limited)} check{'s' if len(limited) > 1 else ''}"
+    if failed:
+        return {"passed": False, "text": f"{failed} of {count} failed"}
+    return {"passed": True, "text": f"All {count} hold" if len(limited) > 1 else "The check holds"}
+
+
+def _step(run: Run) -> float:
+    return run.scenario.step or run.design.options.sample_time
+
+
+def _facts(run: Run) -> list[tuple[str, str]]:
+    """What was run, as terms and descriptions."""
+    s, design, settings = run.scenario, run.design.summary, run.settings
+    parts = [
+        (design["beams"], "beam"),
+        (design["inputs"], "patch pair"),
+        (len(run.design.structure.spring), "spring"),
+        (design["points_of_interest"], "point of interest"),
+        (design["strain_gauges"], "strain gauge"),
+    ]
+    plants = {
+        f"{i.basis or design['basis']}" + (f" of order {i.order}" if i.order else "")
+        for i in s.instance.values()
+        if i.unit == "BeamPlant" and not settings.basis
+    }
+    facts = [
+        ("Scenario", run.name),
+        ("Structure", f"{settings.structure or s.structure}: " + ", ".join(_plural(n, word) for n, word in parts)),
+        (
+            "Design",
+            f"basis {design['basis']} of order {design['order']}, {design['full_order']} states, reduced to "
+            f"{design['reduced_order']}",
+        ),
+        *[("Plant", f"basis {name}") for name in sorted(plants - {design["basis"]})],
+        ("Units", ", ".join(f"{name} ({i.unit or i.fmu})" for name, i in s.instance.items())),
+        ("Backend", settings.backend),
+        ("Coupling", f"{s.coupling}, steps of {1e3 * _step(run):g} ms"),
+        ("Simulated", f"{run.recording.time[-1]:g} s"),
+        *([("Set", ", ".join(f"{k} = {v}" for k, v in settings.values.items()))] if settings.values else []),
+        ("Design id", run.design.design_id),
+        ("Version", f"flexbeams {version('flexbeams')}"),
+    ]
+    return facts
+
+
+def _plural(count: int, word: str) -> str:
+    if count == 1:
+        return f"1 {word}"
+    return f"{count or 'no'} " + (word.replace("point", "points", 1) if word.startswith("point") else word + "s")
+
+
+def _metrics(metrics: dict[str, Any], checks: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    """Metrics that are no checks, in SI units."""
+    named = {c["name"] for c in checks}
+    return [(name, f"{value:.6g}") for name, value in metrics.items() if name not in named and value is not None]
+
+
+def _timing(timing: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for key, value in timing.items():
+        name = _TIMING.get(key, prefix + key.replace("_", " "))
+        if isinstance(value, dict):
+            rows += _timing(value, f"{name}: ")
+        elif isinstance(value, float):
+            rows.append((name, f"{value:.4g}"))
+        elif value is not None:
+            rows.append((name, f"{value:,}" if isinstance(value, int) else str(value)))
+    return rows

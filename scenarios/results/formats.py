@@ -1,0 +1,101 @@
+"""Results for other tools: Parquet for tables of any size, MAT for MATLAB and Octave.
+
+Parquet has the columns of results.csv, and summary.json as the metadata entry `flexbeams`.
+
+MAT (version 5) holds `time` (rows, 1); a struct for each instance with a field for each variable, scalars (rows, 1)
+and arrays (rows, elements) in the order of results.csv: plant.y_pi(:, 2) is `plant.y_pi[2]`; the struct `columns`, of
+the same make, with the names of those columns as cells; and the struct `run` with what summary.json says of the run.
+Indices drop out of a name, other characters than letters, digits and underscores become underscores:
+`plant.beam[2].tip_mass` is plant.beam_tip_mass. A name that does not begin with a letter gets an x before it, one
+that is taken a number behind it.
+"""
+
+import io
+import json
+import re
+from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
+from itertools import count
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from flexbeams.plant.archive import write_whole
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.simulation.cosimulation import Recording
+
+Format = Literal["csv", "parquet", "mat"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+_LONGEST = 63             # characters of a MATLAB name
+_LARGEST = 2**31 - 2**16  # bytes of a variable in a MAT file of version 5
+_KEYWORDS = ("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global",
+             "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while")
+_RUN = ("scenario", "title", "design_id", "coupling", "backend", "complete", "decimate")
+
+
+def require_formats(formats: Sequence[Format]) -> None:
+    """InputError where a format needs a package that is not installed."""
+    if "parquet" in formats and find_spec("pyarrow") is None:
+        raise InputError("--format", "parquet needs the package pyarrow (pip install 'flexbeams[formats]')")
+
+
+def write_parquet(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
+    """One file with a column of doubles for the time and for each signal."""
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.table([recording.time, *recording.values.T], names=["time", *recording.columns],
+                          metadata={"flexbeams": json.dumps(summary)})
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(table, buffer)
+    write_whole(path, buffer.getvalue())
+
+
+def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
+    """One file of MAT version 5; InputError where an array is larger than that can hold."""
+    from scipy.io import savemat
+
+    structs, columns = _structs(recording)
+    largest = max(array.nbytes for struct in structs.values() for array in struct.values())
+    if largest > _LARGEST:
+        raise InputError("", "must have arrays of less than 2 GiB in a MAT file of version 5 (take --decimate, or "
+                         "--format parquet)", f"{largest / 2**30:.1f} GiB", source=str(path))
+    buffer = io.BytesIO()
+    savemat(buffer, {"time": recording.time[:, None], **structs, "columns": columns,
+                     "run": {key: summary[key] for key in _RUN if key in summary}},
+            long_field_names=True, do_compression=True)
+    content = b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # instead of the date
+    write_whole(path, content)
+
+
+def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, Any]]]:
+    """Structs of arrays, and of the columns' names, by instance and variable."""
+    grouped: dict[str, dict[str, list[int]]] = {}
+    for k, column in enumerate(recording.columns):
+        owner, _, variable = column.partition(".")
+        base = re.sub(r"\[[^\]]*\]", "", variable)
+        grouped.setdefault(owner, {}).setdefault(base, []).append(k)
+    owners = matlab_names(grouped, taken=["time", "columns", "run"])
+    structs: dict[str, dict[str, Array]] = {}
+    columns: dict[str, dict[str, Any]] = {}
+    for owner, variables in grouped.items():
+        fields = matlab_names(variables)
+        structs[owners[owner]] = {fields[n]: recording.values[:, places] for n, places in variables.items()}
+        columns[owners[owner]] = {fields[n]: np.array([recording.columns[k] for k in places], dtype=object)
+                                  for n, places in variables.items()}
+    return structs, columns
+
+
+def matlab_names(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
+    """For each name one that MATLAB accepts, all different and none of those taken."""
+    used, chosen = {*taken, *_KEYWORDS}, {}
+    for name in names:
+        text = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        text = (text if text[:1].isalpha() else f"x{text}")[:_LONGEST]
+        candidates = (f"{text[:_LONGEST - 4]}_{k}" for k in count(2))
+        chosen[name] = text if text not in used else next(c for c in candidates if c not in used)
+        used.add(chosen[name])
+    return chosen

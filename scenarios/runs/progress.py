@@ -1,0 +1,87 @@
+"""What a person sees while scenarios run: a bar for each on a terminal, plain lines elsewhere; always on stderr."""
+
+import sys
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
+
+ALL = "all"  # the bar that counts scenarios
+
+
+class Display:
+    """Notes and progress of the scenarios named; with several, notes carry the scenario's name."""
+
+    def __init__(self, names: list[str]) -> None:
+        self._names = names
+        self._bars: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+        self._over = 0
+        if sys.stderr.isatty():
+            # What is printed to stdout meanwhile stays there, a file perhaps
+            self._bars = Progress(
+                SpinnerColumn(),
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=30),
+                TextColumn("{task.fields[state]}"),
+                TimeRemainingColumn(elapsed_when_finished=True),
+                console=Console(stderr=True, highlight=False),
+                transient=True,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
+
+    def __enter__(self) -> "Display":
+        if self._bars is not None:
+            self._bars.start()
+            self._task(self._names[0] if len(self._names) == 1 else ALL)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+    def note(self, text: str, name: str = "") -> None:
+        """One line, above the bars."""
+        line = f"{name}: {text}" if name and len(self._names) > 1 else text
+        if self._bars is not None:
+            self._bars.console.print(line, markup=False, soft_wrap=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    def progress(self, name: str, done: int, steps: int) -> None:
+        """Moves a scenario's bar."""
+        if self._bars is not None:
+            state = f"{done} of {steps} steps" if done < steps else "finishing"
+            self._bars.update(self._task(name), completed=done, total=steps, state=state)
+
+    def begin(self, name: str) -> None:
+        """One of several scenarios has started; its bar appears."""
+        if self._bars is not None:
+            self._task(name)
+            self._count()
+        else:
+            self.note("started", name)
+
+    def end(self, name: str, text: str) -> None:
+        """One of several scenarios is over; its bar goes and leaves a line."""
+        self._over += 1
+        if self._bars is not None:
+            if name in self._tasks:
+                self._bars.remove_task(self._tasks.pop(name))
+            self._count()
+        self.note(text, name)
+
+    def _count(self) -> None:
+        assert self._bars is not None
+        count = len(self._names)
+        self._bars.update(self._task(ALL), completed=self._over, total=count, state=f"{self._over} of {count} done")
+
+    def _task(self, name: str) -> TaskID:
+        assert self._bars is not None
+        if name not in self._tasks:
+            width = max(map(len, [*self._names, ALL] if len(self._names) > 1 else self._names))
+            self._tasks[name] = self._bars.add_task(f"{name:{width}}", total=None, state="preparing")
+        return self._tasks[name]

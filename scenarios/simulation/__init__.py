@@ -1,0 +1,1 @@
+"""Stepping: coupling, recording, instances, the loop in C."""

@@ -1,0 +1,234 @@
+"""One FMU instance for the stepping loop: value references looked up once, buffers shared with the runner."""
+
+import ctypes
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from flexbeams.plant.basis import Array
+from fmpy import calloc, free
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from numpy.typing import NDArray
+
+READ_ORDER = ("Real", "Integer", "Boolean")  # of the types that a run reads
+_WARNING = 1
+_POINTERS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+_FUNCTIONS = {
+    "fmi2GetReal": _POINTERS,
+    "fmi2SetReal": _POINTERS,
+    "fmi2GetInteger": _POINTERS,
+    "fmi2GetBoolean": _POINTERS,
+    "fmi2DoStep": (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int),
+}
+
+
+class UnitFailure(RuntimeError):
+    """A unit refused a call; names instance, time, function and what the unit logged."""
+
+    def __init__(self, instance: str, time: float, function: str, reason: str) -> None:
+        own = re.sub(r"^fmi2\w+: ", "", reason)  # native units name the function themselves
+        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {own}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declared:
+    """An instance as its modelDescription declares it, there before the instance itself."""
+
+    description: Any  # with modelName
+    variables: dict[str, Any]  # by name; each with name, type, causality, start, min and max
+
+
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """Value references that a run reads and writes at every step."""
+
+    written: NDArray[np.uint32]  # Real inputs
+    read: NDArray[np.uint32]  # Real outputs
+    integers: NDArray[np.uint32]  # Integer outputs
+    booleans: NDArray[np.uint32]  # Boolean outputs
+
+
+class UnitInstance:
+    """An instance of an extracted FMU.
+
+    `connect` fixes which value references are read and written and where their values stand in arrays of the
+    caller; `read`, `write` and `step` then take no arguments but the time and call the library with cached
+    pointers: FMPy's own calls convert lists and cost more than the model. Messages of the unit go to `report`.
+    """
+
+    def __init__(self, name: str, folder: Path, description: Any, report: Callable[[str], None]) -> None:
+        self.name = name
+        self.description = description
+        self.variables = {v.name: v for v in description.modelVariables}
+        self._report = report
+        self.reason = ""
+        self._callbacks = fmi2CallbackFunctions()
+        self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
+        self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+        self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+        self.time = 0.0
+        try:
+            self._fmu = FMU2Slave(
+                guid=description.guid,
+                unzipDirectory=str(folder),
+                instanceName=name,
+                modelIdentifier=description.coSimulation.modelIdentifier,
+            )
+        except Exception as error:
+            raise UnitFailure(name, 0.0, "loading its library", str(error)) from None
+        try:
+            # Units that log by the standard's categories tell what went wrong; others tell of every step
+            known = {category.name for category in description.logCategories}
+            self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in known)
+        except Exception as error:
+            self._fmu.freeLibrary()
+            raise UnitFailure(name, 0.0, "fmi2Instantiate", self.reason or str(error)) from None
+        self.component = self._fmu.component
+        self._functions = {}
+        for function, types in _FUNCTIONS.items():
+            self._functions[function] = self._fmu.dll[function]
+            self._functions[function].argtypes = types
+
+    def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+        lines = (message or b"").decode("utf-8", "replace").strip().splitlines()
+        if len(lines) > 1 and lines[0].startswith("Fatal py exception encountered"):
+            del lines[0]  # what pythonfmu's wrapper puts before the unit's own text
+        text = " ".join(lines)
+        if status > 1:
+            self.reason = text
+        elif text:
+            self._report(f"{self.name}: {text}")
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Calls an FMI function by the name that FMPy gives it; UnitFailure with the logged reason otherwise."""
+        self.reason = ""
+        try:
+            result = getattr(self._fmu, function)(*arguments)
+        except FMICallException as error:
+            raise UnitFailure(self.name, self.time, function, self.reason or str(error)) from None
+        if self.reason:  # a unit that cannot return fmi2Error has logged it
+            raise UnitFailure(self.name, self.time, function, self.reason)
+        return result
+
+    def set_start(self, name: str, value: float | bool | str) -> None:
+        """Sets one variable by name, by its type."""
+        variable = self.variables[name]
+        self.call(
+            f"set{variable.type}",
+            [variable.valueReference],
+            [value if variable.type == "String" else float(value) if variable.type == "Real" else int(value)],
+        )
+
+    def get(self, name: str) -> float | bool | str:
+        """Value of one variable."""
+        variable = self.variables[name]
+        value = self.call(f"get{variable.type}", [variable.valueReference])[0]
+        if variable.type == "String":
+            return str(value.decode() if isinstance(value, bytes) else value)
+        return bool(value) if variable.type == "Boolean" else float(value)
+
+    def connect(self, read: list[str], into: Array, write: list[str]) -> None:
+        """`read` names fill `into` (len(read),), a slice of the caller's; `write` names take from `self.inputs`.
+
+        `read` has the Real variables first, then the Integer, then the Boolean ones.
+        """
+        kinds = [self.variables[n].type for n in read]
+        if kinds != sorted(kinds, key=READ_ORDER.index):
+            raise ValueError("read must have Real, then Integer, then Boolean variables")
+        by_kind = {kind: self._references([n for n in read if self.variables[n].type == kind]) for kind in READ_ORDER}
+        self.port = Port(
+            written=self._references(write),
+            read=by_kind["Real"],
+            integers=by_kind["Integer"],
+            booleans=by_kind["Boolean"],
+        )
+        self._into, self.inputs = into, np.zeros(len(write))
+        n_real, n_integer = len(self.port.read), len(self.port.integers)
+        self._discrete = []
+        for function, references, first in (
+            ("fmi2GetInteger", self.port.integers, n_real),
+            ("fmi2GetBoolean", self.port.booleans, n_real + n_integer),
+        ):
+            if len(references):
+                values = np.zeros(len(references), np.int32)
+                self._discrete.append((function, self._arguments(references, values), values, first))
+        self._read = self._arguments(self.port.read, into) if n_real else None
+        self._write = self._arguments(self.port.written, self.inputs) if write else None
+
+    def reader(self, names: list[str]) -> Callable[[Array], None]:
+        """A function that fills the head of an array with the values of Real variables, all in one call."""
+        references = self._references(names)
+
+        def read(into: Array) -> None:
+            self._call("fmi2GetReal", self._arguments(references, into))
+
+        return read
+
+    def read(self) -> None:
+        """Outputs into the caller's array."""
+        if self._read:
+            self._call("fmi2GetReal", self._read)
+        for function, arguments, values, first in self._discrete:
+            self._call(function, arguments)
+            self._into[first : first + len(values)] = values
+
+    def write(self) -> None:
+        """`self.inputs` to the unit."""
+        if self._write:
+            self._call("fmi2SetReal", self._write)
+
+    def step(self, time: float, step: float) -> None:
+        """One doStep from `time`."""
+        self.time = time
+        self._call("fmi2DoStep", (self.component, time, step, 1))
+
+    def address(self, function: str) -> int | None:
+        """Address of one of the functions that a run calls at every step."""
+        return ctypes.cast(self._functions[function], ctypes.c_void_p).value
+
+    def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
+        status = self._functions[function](*arguments)
+        if status > _WARNING or self.reason:
+            raise UnitFailure(self.name, self.time, function, self.reason or f"status {status}")
+
+    def _references(self, names: list[str]) -> NDArray[np.uint32]:
+        return np.array([self.variables[n].valueReference for n in names], dtype=np.uint32)
+
+    def _arguments(self, references: NDArray[np.uint32], values: NDArray[Any]) -> tuple[Any, ...]:
+        """Component, references, count and values as the library takes them; both arrays must be kept alive."""
+        return self.component, references.ctypes.data, len(references), values.ctypes.data
+
+    def close(self) -> None:
+        """Terminates and frees the instance."""
+        try:
+            self._fmu.terminate()
+        except Exception:
+            self.reason = ""
+        self._fmu.freeInstance()
+
+    def __enter__(self) -> "UnitInstance":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def element_names(variables: dict[str, Any], name: str) -> list[str]:
+    """The scalars that a name means: itself, or all elements name[1], name[2], ... ; empty where there are none."""
+    if name in variables:
+        return [name]
+    prefix = f"{name}["
+    return [n for n in variables if n.startswith(prefix) and n.endswith("]") and "]." not in n]

@@ -1,0 +1,1 @@
+"""Checks of FMUs and packages: structure and reference results."""

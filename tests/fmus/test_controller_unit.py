@@ -1,0 +1,252 @@
+"""TrackingController against the recursion of filter, regulator and integral action, written down here again."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from tests.conftest import STRUCTURES, Workshop, design_of
+from tests.units.loaded import Loaded, Real, loaded
+
+SAMPLE = 2e-4
+
+
+@dataclass
+class Recursion:
+    """(42), (44), (45) tick by tick: u is the voltage that the last tick put out."""
+
+    structure: str = "kiel"
+    limit: float = 1000.0
+    integral_gain: float = 1e-4
+    feedback: bool = True
+    x: Real = field(default_factory=lambda: np.zeros(0))
+    u: Real = field(default_factory=lambda: np.zeros(0))
+    integral: Real = field(default_factory=lambda: np.zeros(0))
+    saturated: bool = False
+
+    def begin(self, u_ff: Real, x_ref: Real) -> "Recursion":
+        self.a = design_of(self.structure).arrays
+        self.x, self.u = x_ref.copy(), np.clip(u_ff, -self.limit, self.limit)
+        self.integral = np.zeros(len(u_ff))
+        self.saturated = bool((np.abs(u_ff) > self.limit).any())
+        return self
+
+    def tick(self, y_pm: Real, u_ff: Real, x_ref: Real) -> None:
+        a, before = self.a, self.u
+        innovation = y_pm - a["H_pm"] @ self.x - a["D_pm"] @ before
+        self.x = a["A_d"] @ self.x + a["B_d"] @ before + a["estimator_gain"] @ innovation
+        error = x_ref - self.x
+        wanted = u_ff + a["feedback_gain"] @ error + self.integral if self.feedback else u_ff
+        missed = a["H_pi"] @ error + a["D_pi"] @ (u_ff - before)
+        growth = self.integral_gain * a["static_inverse"] @ missed
+        outward = (np.abs(wanted) > self.limit) & (np.sign(wanted) == np.sign(growth))
+        self.integral = self.integral + np.where(outward, 0.0, growth) if self.feedback else 0 * self.integral
+        self.u = np.clip(wanted, -self.limit, self.limit)
+        self.saturated = bool((np.abs(wanted) > self.limit).any())
+
+    def values(self) -> Real:
+        """u, y_est, saturated, x_est."""
+        return np.concatenate([self.u, self.a["H_pi"] @ self.x + self.a["D_pi"] @ self.u, [self.saturated], self.x])
+
+
+def signals(structure: str, steps: int) -> tuple[Real, Real, Real]:
+    """Strains, feedforward voltages and reference states over some steps, unlike from one step to the next."""
+    parts = design_of(structure).structure
+    rng = np.random.default_rng(8)
+    return (
+        rng.normal(0, 3e-5, (steps, len(parts.strain_gauge))),
+        rng.normal(0, 300, (steps, len(parts.patch))),
+        rng.normal(0, 1e-2, (steps, 10 * len(parts.beam))),
+    )
+
+
+def shown(unit: Loaded) -> Real:
+    return unit.take("u", "y_est", "saturated", "x_est")
+
+
+def assert_same(found: Real, wanted: Real, n_u: int, n_pi: int) -> None:
+    """Each signal to 1e-11 of its largest magnitude."""
+    for part in (slice(0, n_u), slice(n_u, n_u + n_pi), slice(n_u + n_pi, n_u + n_pi + 1), slice(n_u + n_pi + 1, None)):
+        np.testing.assert_allclose(found[:, part], wanted[:, part], rtol=0, atol=1e-11 * np.abs(wanted[:, part]).max())
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+@pytest.mark.parametrize("limit", [1000.0, 350.0])
+def test_runs_the_recursion(workshop: Workshop, structure: str, limit: float) -> None:
+    """After doStep(t_k, t_d) the outputs are those for t_{k+1}, from the measurement of t_k; with the limit in play."""
+    y_pm, u_ff, x_ref = signals(structure, 200)
+    n_u, n_pi = u_ff.shape[1], len(design_of(structure).structure.point_of_interest)
+    other = Recursion(structure=structure, limit=limit).begin(u_ff[0], x_ref[0])
+    with loaded(workshop.folder("TrackingController", structure)) as unit:
+        unit.begin(voltage_limit=limit, u_ff=u_ff[0], x_ref=x_ref[0])
+        found, wanted = [shown(unit)], [other.values()]
+        for row in zip(y_pm, u_ff, x_ref, strict=True):
+            other.tick(*row)
+            wanted.append(other.values())
+            found.append(shown(unit.advance(SAMPLE, **dict(zip(("y_pm", "u_ff", "x_ref"), row, strict=True)))))
+    assert_same(np.array(found), np.array(wanted), n_u, n_pi)
+    saturated = np.array(wanted)[:, n_u + n_pi]
+    assert saturated.any() or limit == 1000.0
+    assert not saturated.all()
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 5, 13])
+def test_ticks_inside_a_long_step_run_with_inputs_held(workshop: Workshop, ticks: int) -> None:
+    y_pm, u_ff, x_ref = signals("kiel", 60)
+    other = Recursion().begin(u_ff[0], x_ref[0])
+    found, wanted = [], []
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(u_ff=u_ff[0], x_ref=x_ref[0])
+        for row in zip(y_pm, u_ff, x_ref, strict=True):
+            for _ in range(ticks):
+                other.tick(*row)
+            wanted.append(other.values())
+            found.append(shown(unit.advance(ticks * SAMPLE, **dict(zip(("y_pm", "u_ff", "x_ref"), row, strict=True)))))
+    assert_same(np.array(found), np.array(wanted), 4, 4)
+
+
+@pytest.mark.parametrize("steps", [(0.5,), (0.1,), (1.5,), (0.3, 0.7), (2.5, 0.25, 0.25), (1 / 3,)])
+def test_tick_belongs_to_the_step_that_holds_its_time(workshop: Workshop, steps: tuple[float, ...]) -> None:
+    """A tick at t_i runs in the step [t, t + h) with t <= t_i < t + h, with the inputs of that step; counted, so that
+    400 steps of a tenth of the sample time are 40 ticks."""
+    y_pm, u_ff, x_ref = signals("kiel", 400)
+    other = Recursion().begin(u_ff[0], x_ref[0])
+    done, place, found, wanted = 0, 0.0, [], []
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(u_ff=u_ff[0], x_ref=x_ref[0])
+        for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
+            step = steps[k % len(steps)]
+            place += step
+            while done < round(place, 6):
+                other.tick(*row)
+                done += 1
+            wanted.append(other.values())
+            found.append(shown(unit.advance(step * SAMPLE, **dict(zip(("y_pm", "u_ff", "x_ref"), row, strict=True)))))
+    assert_same(np.array(found), np.array(wanted), 4, 4)
+
+
+def test_ticks_are_counted_far_from_zero(workshop: Workshop) -> None:
+    """An hour in, one tick a step still: no time is accumulated."""
+    y_pm, u_ff, x_ref = signals("kiel", 300)
+    other = Recursion().begin(u_ff[0], x_ref[0])
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(3600.0, u_ff=u_ff[0], x_ref=x_ref[0])
+        for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
+            other.tick(*row)
+            unit.now = 3600.0 + k * SAMPLE
+            unit.advance(SAMPLE, **dict(zip(("y_pm", "u_ff", "x_ref"), row, strict=True)))
+            np.testing.assert_allclose(unit.take("x_est"), other.x, rtol=1e-9, atol=1e-12)
+
+
+def test_without_feedback_the_feedforward_passes(workshop: Workshop) -> None:
+    """Within the limit as it is; the filter goes on; switched on again, feedback starts without integral."""
+    y_pm, u_ff, x_ref = signals("kiel", 120)
+    other = Recursion(limit=500.0, integral_gain=1e-2).begin(u_ff[0], x_ref[0])
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(u_ff=u_ff[0], x_ref=x_ref[0], voltage_limit=500.0, integral_gain=1e-2)
+        for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
+            if k in (40, 80):
+                other.feedback = not other.feedback
+                unit.put("feedback", other.feedback)
+            other.tick(*row)
+            unit.advance(SAMPLE, **dict(zip(("y_pm", "u_ff", "x_ref"), row, strict=True)))
+            np.testing.assert_allclose(shown(unit), other.values(), rtol=1e-9, atol=1e-12)
+            if 40 <= k < 80:
+                np.testing.assert_array_equal(unit.take("u"), np.clip(u_ff[k], -500, 500))
+
+
+class ReducedPlant:
+    """The reduced model as a plant whose voltages are held over a sample."""
+
+    def __init__(self, structure: str = "kiel") -> None:
+        self.a = design_of(structure).arrays
+        self.x = np.zeros(len(self.a["A"]))
+
+    def strain(self, u: Real) -> Real:
+        return np.asarray(self.a["H_pm"] @ self.x + self.a["D_pm"] @ u)
+
+    def advance(self, u: Real) -> None:
+        self.x = self.a["A_d"] @ self.x + self.a["B_d"] @ u
+
+
+def closed_loop(unit: Loaded, plant: ReducedPlant, u_ff: Real, x_ref: Real, steps: int) -> None:
+    unit.put("u_ff", u_ff)
+    unit.put("x_ref", x_ref)
+    for _ in range(steps):
+        u = unit.take("u")
+        y_pm = plant.strain(u)
+        plant.advance(u)
+        unit.advance(SAMPLE, y_pm=y_pm)
+
+
+@pytest.mark.parametrize(("gain", "left"), [(0.0, (0.2, 1.0)), (4e-4, (0.0, 2e-3))])
+def test_integral_action_removes_an_offset_the_estimate_shows(
+    workshop: Workshop, gain: float, left: tuple[float, float]
+) -> None:
+    """The reference state asks for a deflection that the feedforward's voltages, 20 % short, do not give."""
+    a = design_of().arrays
+    u_full = np.array([600.0, -500.0, -550.0, 520.0])
+    x_ref = np.linalg.solve(a["A"], -a["B"] @ u_full)
+    u_ff = 0.8 * u_full
+    asked = a["H_pi"] @ x_ref + a["D_pi"] @ u_ff
+    lacking = asked - (a["H_pi"] @ np.linalg.solve(a["A"], -a["B"] @ u_ff) + a["D_pi"] @ u_ff)
+    plant = ReducedPlant()
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(integral_gain=gain)
+        closed_loop(unit, plant, u_ff, x_ref, 20_000)
+        error = unit.take("y_est") - asked
+        np.testing.assert_allclose(unit.take("x_est"), plant.x, atol=1e-6 * np.abs(plant.x).max())
+    share = np.abs(error).max() / np.abs(lacking).max()
+    assert left[0] <= share <= left[1]
+
+
+def test_anti_windup(workshop: Workshop) -> None:
+    """A reference beyond the limit for 2 s, then one within: the voltage leaves the limit within 20 ms.
+
+    Without it the integral of the first voltage would have grown by some 2000 V meanwhile.
+    """
+    a = design_of().arrays
+    u_far = np.array([1500.0, -400.0, -450.0, 420.0])
+    near = 0.3 * u_far
+
+    def rest(u: Real) -> Real:
+        return np.asarray(np.linalg.solve(a["A"], -a["B"] @ u))
+
+    plant = ReducedPlant()
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(integral_gain=4e-4)
+        closed_loop(unit, plant, u_far, rest(u_far), 10_000)
+        assert unit.take("u")[0] == 1000.0
+        assert unit.take("saturated")[0] == 1
+        # The integral has not grown: what it holds shows at once where reference and estimate agree
+        unit.put("integral_gain", 0.0)
+        estimate = unit.take("x_est")
+        u = unit.take("u")
+        unit.advance(SAMPLE, x_ref=estimate, u_ff=np.zeros(4), y_pm=plant.strain(u))
+        assert np.abs(unit.take("u")).max() < 60.0
+        unit.put("integral_gain", 4e-4)
+        closed_loop(unit, plant, near, rest(near), 100)
+        assert unit.take("saturated")[0] == 0
+        closed_loop(unit, plant, near, rest(near), 15_000)
+        np.testing.assert_allclose(unit.take("y_est"), a["H_pi"] @ rest(near) + a["D_pi"] @ near, atol=2e-5)
+
+
+def test_starts_on_the_reference(workshop: Workshop) -> None:
+    """At rest on a reference: nothing moves, since strains, estimate and voltages agree from the first tick on."""
+    a = design_of().arrays
+    u = np.array([300.0, -200.0, 100.0, 50.0])
+    x = np.linalg.solve(a["A"], -a["B"] @ u)
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(u_ff=u, x_ref=x)
+        start = shown(unit)
+        np.testing.assert_array_equal(unit.take("u"), u)
+        np.testing.assert_array_equal(unit.take("x_est"), x)
+        for _ in range(500):
+            unit.advance(SAMPLE, y_pm=a["H_pm"] @ x + a["D_pm"] @ u)
+        np.testing.assert_allclose(shown(unit), start, rtol=1e-7, atol=1e-9 * np.abs(x).max())
+
+
+def test_start_voltage_beyond_the_limit_is_held_there(workshop: Workshop) -> None:
+    with loaded(workshop.folder("TrackingController")) as unit:
+        unit.begin(u_ff=[1200.0, -50.0, 0.0, -1e9])
+        assert unit.take("u", "saturated").tolist() == [1000.0, -50.0, 0.0, -1000.0, 1.0]

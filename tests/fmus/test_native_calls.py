@@ -1,0 +1,405 @@
+"""Every call of FMI 2.0 on the native units: sequence, values, states, log; the same texts as the Python units."""
+
+import struct
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from ctypes import c_char_p, c_int, c_size_t, c_uint
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from flexbeams.fmus.units.shipped import UNITS
+from flexbeams.scenarios.simulation.instance import UnitFailure
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+
+from tests.conftest import Workshop, design_of
+from tests.native.workshop import NATIVE_UNITS, native_folder, needs_zig
+from tests.units.loaded import loaded
+
+OK, WARNING, DISCARD, ERROR = range(4)
+SAMPLE = 2e-4
+pytestmark = needs_zig
+
+
+class Instance:
+    """An instance whose calls return a status and the lines logged meanwhile instead of raising."""
+
+    def __init__(self, folder: Path, name: str = "unit", logging: bool = True, guid: str | None = None) -> None:
+        self.description = fmpy.read_model_description(folder)
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.lines: list[tuple[str, int, str, str]] = []
+        self.fmu = FMU2Slave(
+            guid=guid or self.description.guid,
+            unzipDirectory=str(folder),
+            instanceName=name,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+        )
+        self._callbacks = fmi2CallbackFunctions()
+        self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)  # no memory of the host: the unit takes its own
+        self.fmu.instantiate(callbacks=self._callbacks, loggingOn=logging)
+
+    def _log(self, _: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
+        self.lines.append((name.decode(), status, category.decode(), message.decode()))
+
+    def call(self, function: str, *arguments: Any) -> int:
+        self.lines.clear()
+        try:
+            getattr(self.fmu, function)(*arguments)
+        except FMICallException as error:
+            return int(error.status)
+        return OK
+
+    def close(self) -> None:
+        self.fmu.freeInstance()
+
+    def to(self, phase: str) -> "Instance":
+        calls = {
+            "initialising": ("enterInitializationMode",),
+            "stepping": ("exitInitializationMode",),
+            "terminated": ("terminate",),
+        }
+        self.fmu.setupExperiment(startTime=0.0)
+        for name, functions in calls.items():
+            if phase == "instantiated":
+                break
+            for function in functions:
+                getattr(self.fmu, function)()
+            if name == phase:
+                break
+        return self
+
+
+def instance(unit: str = "BeamPlant", **named: Any) -> "closing[Instance]":
+    return closing(Instance(native_folder(unit), **named))
+
+
+P, F, C = UNITS
+# unit, phase, call, arguments, text: those of the base of the Python units
+MISUSES: list[tuple[str, str, str, tuple[Any, ...], str]] = [
+    (P, "stepping", "getReal", ([9999],), "value reference must be within 0..{last}, got 9999"),
+    (P, "stepping", "setReal", ([2**32 - 1], [1.0]), "value reference must be within 0..{last}, got 4294967295"),
+    (P, "stepping", "getReal", (["noise_seed"],), "noise_seed is Integer, got a call for Real"),
+    (P, "stepping", "getBoolean", (["u[1]"],), "u[1] is Real, got a call for Boolean"),
+    (C, "stepping", "getString", (["feedback"],), "feedback is Boolean, got a call for String"),
+    (P, "initialising", "setInteger", (["design_id"], [1]), "design_id is String, got a call for Integer"),
+    (P, "initialising", "setReal", (["y_pi[2]"], [1.0]), "y_pi[2] is output and cannot be set, got 1.0"),
+    (P, "initialising", "setReal", (["w[2,3]"], [-0.25]), "w[2,3] is local and cannot be set, got -0.25"),
+    (P, "stepping", "setReal", (["time"], [1e-7]), "time is independent and cannot be set, got 1e-07"),
+    (P, "initialising", "setString", (["design_id"], ["x"]), "design_id is local and cannot be set, got 'x'"),
+    (C, "stepping", "setBoolean", (["saturated"], [True]), "saturated is output and cannot be set, got True"),
+    (
+        P,
+        "stepping",
+        "setReal",
+        (["beam[1].density"], [2e3]),
+        "beam[1].density is fixed and cannot be set after initialisation, got 2000.0",
+    ),
+    (
+        P,
+        "stepping",
+        "setInteger",
+        (["noise_seed"], [3]),
+        "noise_seed is fixed and cannot be set after initialisation, got 3",
+    ),
+    (P, "initialising", "setInteger", (["noise_seed"], [-3]), "noise_seed must be >= 0, got -3"),
+    (P, "initialising", "setReal", (["beam[2].tip_mass"], [-0.5]), "beam[2].tip_mass must be >= 0.0, got -0.5"),
+    (C, "stepping", "setReal", (["integral_gain"], [1.5]), "integral_gain must be <= 1.0, got 1.5"),
+    (F, "stepping", "setReal", (["transition_time"], [1e-4]), "transition_time must be >= 0.001, got 0.0001"),
+    (P, "stepping", "setReal", (["u[2]"], [float("nan")]), "u[2] must be finite, got nan"),
+    (P, "initialising", "setReal", (["force[3]"], [float("-inf")]), "force[3] must be finite, got -inf"),
+    (P, "stepping", "doStep", (0.0, 0.0), "communicationStepSize must be finite and > 0, got 0.0"),
+    (P, "stepping", "doStep", (0.0, -0.1), "communicationStepSize must be finite and > 0, got -0.1"),
+    (C, "stepping", "doStep", (0.0, float("inf")), "communicationStepSize must be finite and > 0, got inf"),
+    (C, "stepping", "doStep", (0.0, 1e9), "communicationStepSize must be <= 2000.0, got 1000000000.0"),
+    (F, "stepping", "doStep", (0.5, 0.1), "currentCommunicationPoint must be 0.0, the end of the last step, got 0.5"),
+    (
+        F,
+        "stepping",
+        "doStep",
+        (float("nan"), 0.1),
+        "currentCommunicationPoint must be 0.0, the end of the last step, got nan",
+    ),
+    (
+        P,
+        "initialising",
+        "doStep",
+        (0.0, 0.1),
+        "fmi2DoStep needs an instance initialised, this one is in initialization mode",
+    ),
+    (
+        P,
+        "stepping",
+        "setupExperiment",
+        (),
+        "fmi2SetupExperiment needs an instance just instantiated, this one is initialised",
+    ),
+    (
+        P,
+        "instantiated",
+        "exitInitializationMode",
+        (),
+        "fmi2ExitInitializationMode needs an instance in initialization mode, this one is just instantiated",
+    ),
+    (P, "terminated", "terminate", (), "fmi2Terminate needs an instance initialised, this one is terminated"),
+    (C, "terminated", "setReal", (["u_ff[1]"], [1.0]), "no variable can be set after fmi2Terminate"),
+    (P, "instantiated", "setupExperiment", (None, float("nan")), "startTime must be finite, got nan"),
+    (P, "instantiated", "setupExperiment", (None, 1.0, 1.0), "stopTime must be > startTime 1.0, got 1.0"),
+]
+
+
+@pytest.mark.parametrize(("unit", "phase", "function", "arguments", "text"), MISUSES, ids=[m[4][:60] for m in MISUSES])
+def test_misuse_is_refused_with_one_line(
+    unit: str, phase: str, function: str, arguments: tuple[Any, ...], text: str
+) -> None:
+    """fmi2Error, one line, nothing changed; no step until fmi2Reset."""
+    with instance(unit, name="beam 1") as one:
+        one.to(phase)
+        if arguments and isinstance(arguments[0], list):
+            arguments = ([one.references.get(r, r) for r in arguments[0]], *arguments[1:])
+        reals = [v.valueReference for v in one.description.modelVariables if v.type == "Real"]
+        before = one.fmu.getReal(reals)
+        assert one.call(function, *arguments) == ERROR
+        reason = text.format(last=len(one.references) - 1)
+        expected = reason if reason.startswith("fmi2") else f"fmi2{function[0].upper()}{function[1:]}: {reason}"
+        assert one.lines == [("beam 1", ERROR, "logStatusError", expected)]
+        assert one.fmu.getReal(reals) == before
+        assert one.call("doStep", 0.0, SAMPLE) == ERROR
+        assert one.lines[0][3] == f"fmi2DoStep is refused until fmi2Reset, the instance failed: {reason}"
+        assert one.call("reset") == OK
+        one.to("stepping")
+        assert (one.call("doStep", 0.0, SAMPLE), one.lines) == (OK, [])
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("BeamPlant", {"beam[2].density": 0.0}),
+        ("BeamPlant", {"patch[1].youngs_modulus": 0.0}),
+        ("BeamPlant", {"spring[1].stiffness": 0.0}),
+        ("BeamPlant", {"patch[4].piezo_ratio": 0.0}),
+        ("BeamPlant", {"beam[1].tip_mass": 1e308, "beam[1].density": 1e308}),
+        ("FlatnessFeedforward", {"voltage_limit": 12.5, "y_target": -2e-3}),
+    ],
+)
+def test_impossible_starts_are_refused_as_by_the_python_unit(
+    workshop: Workshop, case: tuple[str, dict[str, float]]
+) -> None:
+    """At exitInitializationMode, naming what is wrong."""
+    unit, values = case
+    reasons = []
+    for folder in (native_folder(unit), workshop.folder(unit)):
+        with loaded(folder) as one, np.errstate(all="ignore"):
+            one.prepare(**values)
+            with pytest.raises(UnitFailure) as refusal:
+                one.call("exitInitializationMode")
+        reasons.append(str(refusal.value).replace("fmi2ExitInitializationMode: ", ""))
+    assert reasons[0] == reasons[1]
+    assert "exitInitializationMode" in reasons[0]
+
+
+def test_parameters_beyond_the_range_of_doubles_are_refused() -> None:
+    with loaded(native_folder("BeamPlant")) as one:
+        one.prepare(**{"beam[1].youngs_modulus": 1e200})
+        with pytest.raises(UnitFailure, match=r"the discretisation over 0\.0002 s overflows"):
+            one.call("exitInitializationMode")
+
+
+def test_an_impossible_parameter_can_be_mended() -> None:
+    with instance() as one:
+        one.to("initialising")
+        density = [one.references["beam[1].density"]]
+        one.call("setReal", density, [0.0])
+        assert one.call("exitInitializationMode") == ERROR
+        assert one.lines[0][3] == "fmi2ExitInitializationMode: beam[1].density must be finite and > 0, got 0.0"
+        one.call("reset")
+        one.to("initialising")
+        one.call("setReal", density, [1400.0])
+        assert (one.call("exitInitializationMode"), one.call("doStep", 0.0, SAMPLE)) == (OK, OK)
+
+
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_a_wrong_guid_gives_no_instance(unit: str) -> None:
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        Instance(native_folder(unit), guid="{00000000-0000-0000-0000-000000000000}")
+
+
+def test_categories_of_the_log() -> None:
+    """Notes are logged where logging is on, faults always; fmi2SetDebugLogging chooses."""
+    target = np.linalg.pinv(design_of().arrays["static_inverse"]) @ [400.0, 0.0, 0.0, 0.0]
+    for logging, categories, expected, faults in (
+        (True, None, ["logAll"], 1),
+        (False, None, [], 1),
+        (True, ["logStatusError"], [], 1),
+        (False, ["logAll"], ["logAll"], 0),
+        (True, [], [], 0),
+    ):
+        with instance("FlatnessFeedforward", logging=logging) as one:
+            references = [one.references[f"y_target[{k}]"] for k in range(1, len(target) + 1)]
+            one.to("stepping")
+            if categories is not None:
+                names = (c_char_p * len(categories))(*[c.encode() for c in categories])
+                one.fmu.fmi2SetDebugLogging(one.fmu.component, int(bool(categories)), len(categories), names)
+            one.fmu.setReal([one.references["transition_time"], one.references["voltage_limit"]], [0.2, 500.0])
+            one.fmu.setReal(references, list(target))
+            assert one.call("doStep", 0.0, SAMPLE) == OK
+            assert [line[2] for line in one.lines] == expected
+            assert one.call("doStep", 0.0, -1.0) == ERROR
+            assert len(one.lines) == faults
+
+
+def test_functions_without_a_use_answer_as_the_standard_says() -> None:
+    with instance() as one:
+        one.to("stepping")
+        one.fmu.doStep(0.0, SAMPLE)
+        fmu, component = one.fmu, one.fmu.component
+        answers = {
+            name: one.call(name, component, *arguments)
+            for name, arguments in {
+                "fmi2CancelStep": (),
+                "fmi2GetStatus": (0, c_int()),
+                "fmi2GetIntegerStatus": (0, c_int()),
+                "fmi2GetStringStatus": (1, c_char_p()),
+                "fmi2GetBooleanStatus": (1, c_int()),
+            }.items()
+        }
+        assert answers == {
+            "fmi2CancelStep": ERROR,
+            "fmi2GetStatus": DISCARD,
+            "fmi2GetIntegerStatus": DISCARD,
+            "fmi2GetStringStatus": DISCARD,
+            "fmi2GetBooleanStatus": DISCARD,
+        }
+        assert fmu.getRealStatus(2) == SAMPLE
+        assert not fmu.getBooleanStatus(3)
+        nothing = (component, None, c_size_t(0), None, c_size_t(0), None, None)
+        assert one.call("fmi2GetDirectionalDerivative", *nothing) == ERROR
+        assert one.call("fmi2GetRealOutputDerivatives", component, (c_uint * 1)(8), 1, (c_int * 1)(1), None) == ERROR
+        assert one.call("doStep", SAMPLE, SAMPLE) == OK
+
+
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_saved_states_continue_bit_for_bit(unit: str) -> None:
+    """In the same instance, after a reset, and from bytes in another instance."""
+    names = {
+        "BeamPlant": {"u": 300.0},
+        "FlatnessFeedforward": {"y_target": -1e-3},
+        "TrackingController": {"y_pm": 1e-4, "x_ref": 0.1},
+        "BeamClosedLoop": {"feedforward.y_target": -1e-3, "plant.force": 0.1},
+    }[unit]
+    with loaded(native_folder(unit)) as one, loaded(native_folder(unit)) as other:
+        one.begin()
+        for _ in range(300):
+            one.advance(SAMPLE, **names)
+        saved = one.saved()
+
+        def rest(instance: Any) -> bytes:
+            rows = []
+            for k in range(200):
+                instance.advance(SAMPLE, **{name: value * (1 - k // 100) for name, value in names.items()})
+                rows.append(instance.everything())
+            return np.array(rows).tobytes()
+
+        first = rest(one)
+        assert rest(one.restore(saved)) == first
+        one.call("reset")
+        assert rest(one.restore(saved)) == first
+        assert rest(other.restore(saved)) == first
+        assert other.restore(saved).saved() == saved
+
+
+def test_states_of_parameters_set_before_initialisation() -> None:
+    """A state from before the initialisation keeps them, one from after it brings its matrices along."""
+    with loaded(native_folder("BeamPlant")) as one, loaded(native_folder("BeamPlant")) as other:
+        one.prepare(**{"beam[1].density": 2000.0, "start_at_rest_under": 200.0})
+        early = one.saved()
+        one.call("exitInitializationMode")
+        late = one.advance(1e-3, u=100.0).saved()
+        expected = one.advance(1e-3).everything()
+        assert (other.restore(late).advance(1e-3).everything() == expected).all()
+        other.restore(early).call("exitInitializationMode")
+        assert (other.advance(1e-3, u=100.0).advance(1e-3).everything() == expected).all()
+
+
+def test_foreign_and_damaged_states_are_refused() -> None:
+    with instance() as one, instance("TrackingController") as foreign:
+        one.to("stepping")
+        foreign.to("stepping")
+        state = one.fmu.getFMUstate()
+        good = bytes(one.fmu.serializeFMUstate(state))
+        alien = bytes(foreign.fmu.serializeFMUstate(foreign.fmu.getFMUstate()))
+        flipped = bytearray(good)
+        flipped[len(good) // 2] ^= 1
+        newer = good[:8] + b"\x02" + good[9:]
+
+        def forged(place: int, content: bytes) -> bytes:
+            """Other contents with a checksum that fits."""
+            changed = bytearray(good)
+            changed[place : place + len(content)] = content
+            changed[12:16] = struct.pack("<I", zlib.crc32(bytes(changed[16:])))
+            return bytes(changed)
+
+        values = {name: 336 + 8 * one.references[name] for name in ("u[1]", "beam[1].tip_mass", "noise_seed")}
+        impossible = [
+            forged(56, b"\x09"),
+            forged(64, struct.pack("<d", np.inf)),
+            forged(64, struct.pack("<d", 1e9)),
+            forged(80, b"x" * 256),
+            forged(values["u[1]"], struct.pack("<d", np.nan)),
+            forged(values["beam[1].tip_mass"], struct.pack("<d", -1.0)),
+            forged(values["noise_seed"], struct.pack("<d", 1e300)),
+        ]
+        rules = {
+            alien: "must be of the same unit and design, got that of another",
+            bytes(flipped): f"must be complete and unchanged, got {len(good)} damaged bytes",
+            good[:-1]: f"must be complete and unchanged, got {len(good) - 1} damaged bytes",
+            good[:20]: "must be one that this unit saved, got something else",
+            b"junk" * 200: "must be one that this unit saved, got something else",
+            newer: "must have version 1, got 2",
+            **dict.fromkeys(impossible, "must have contents that this unit can have saved"),
+        }
+        for content, rule in rules.items():
+            assert one.call("deSerializeFMUstate", content) == ERROR
+            assert one.lines[0][3] == f"fmi2DeSerializeFMUstate: FMU state {rule}"
+            assert one.call("setFMUstate", state) == OK
+            assert one.call("doStep", 0.0, SAMPLE) == OK
+            one.call("setFMUstate", state)
+        one.fmu.freeFMUstate(state)
+
+
+def test_bytes_of_a_state_are_little_endian() -> None:
+    """Magic, version, checksum, length, digest, phase, time; then the values by value reference."""
+    with instance() as one:
+        one.to("stepping")
+        one.fmu.setReal([one.references["u[3]"]], [123.456])
+        content = bytes(one.fmu.serializeFMUstate(one.fmu.getFMUstate()))
+    magic, version, crc, length = struct.unpack_from("<8sIIQ", content)
+    assert (magic, version, length) == (b"flxbeams", 1, len(content))
+    assert crc == zlib.crc32(content[16:])
+    assert struct.unpack_from("<Qd", content, 56) == (2, 0.0)
+    assert struct.unpack_from("<d", content, 336 + 8 * one.references["u[3]"]) == (123.456,)
+
+
+def test_instances_in_threads_do_not_touch() -> None:
+    """Twelve instances of three units, four threads: each does what it does alone."""
+
+    def work(job: tuple[str, float]) -> bytes:
+        unit, level = job
+        with loaded(native_folder(unit), f"{unit} {level}") as one:
+            one.begin()
+            name, scale = {
+                "BeamPlant": ("u", 300.0),
+                "FlatnessFeedforward": ("y_target", -1e-3),
+                "TrackingController": ("y_pm", 1e-4),
+            }[unit]
+            rows = [one.advance(SAMPLE, **{name: scale * level * (1 + k // 50)}).everything() for k in range(150)]
+            return np.array(rows).tobytes()
+
+    jobs = [(unit, level) for level in (0.3, 0.6, 0.9, 1.2) for unit in UNITS]
+    alone = [work(job) for job in jobs]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(work, jobs)) == alone
+    assert len(set(alone)) == len(jobs)

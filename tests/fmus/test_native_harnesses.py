@@ -1,0 +1,224 @@
+"""The C harnesses of tests/native: a whole life under sanitizers and valgrind, allocations, fuzzing, other machines."""
+
+import json
+import os
+import platform
+import shutil
+import sys
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from flexbeams.fmus.packaging.native import build_native_units
+from flexbeams.fmus.units.shipped import UNITS
+
+from tests.conftest import design_of
+from tests.native.workshop import (
+    HARNESSES,
+    NATIVE_UNITS,
+    ZIG,
+    compiled,
+    native_unit,
+    needs,
+    needs_zig,
+    run,
+    source_files,
+    source_folder,
+    workspace,
+)
+
+SANITIZE = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is for Linux")
+
+
+@needs("clang")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_life_cycle_under_sanitizers(unit: str) -> None:
+    """AddressSanitizer with its leak check and UndefinedBehaviorSanitizer, misuse included."""
+    program = compiled("life_cycle", unit, "clang", *SANITIZE)
+    assert "lines logged" in run([str(program)])
+
+
+@needs("gcc", "valgrind")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_life_cycle_under_valgrind(unit: str) -> None:
+    program = compiled("life_cycle", unit, "gcc", "-O1", "-g")
+    run(["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", "--errors-for-leak-kinds=all", str(program)])
+
+
+@on_linux
+@needs("gcc")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_nothing_is_allocated_between_instantiation_and_free(unit: str) -> None:
+    run([str(compiled("allocations", unit, "gcc", "-O2"))])
+
+
+@needs("clang")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_random_calls(unit: str) -> None:
+    """A short, seeded run; tests/native/fuzz.sh runs for as long as wanted."""
+    program = compiled(
+        "fuzz",
+        unit,
+        "clang",
+        "-O1",
+        "-g",
+        "-fsanitize=fuzzer,address,undefined",
+        "-fno-sanitize-recover=all",
+        small=True,
+    )
+    run([str(program), "-seed=1", "-runs=4000", "-max_len=300", "-verbosity=0", f"-artifact_prefix={workspace()}/"])
+
+
+@on_linux
+@needs("gcc")
+@pytest.mark.parametrize("place", ["C", "de_DE.UTF-8"])
+def test_numbers_in_the_log_are_written_as_by_python(place: str) -> None:
+    """With all digits, in any locale."""
+    environment = dict(os.environ)
+    if place != "C":
+        if shutil.which("localedef") is None or not Path("/usr/share/i18n/locales/de_DE").exists():
+            pytest.skip("not installed: locales")
+        environment["LOCPATH"] = str(workspace() / "locales")
+        Path(environment["LOCPATH"]).mkdir()
+        run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(workspace() / "locales" / place)])
+    rng = np.random.default_rng(3)
+    special = [
+        0.5,
+        -0.0,
+        1e5,
+        1e-5,
+        1e-4,
+        3.0,
+        1e15,
+        1e16,
+        1.234e22,
+        123456789012345680.0,
+        9007199254740993.0,
+        5e-324,
+        1.7976931348623157e308,
+        0.1 + 0.2,
+    ]
+    numbers = (rng.normal(size=200) * 10.0 ** rng.integers(-12, 14, 200)).tolist() + special
+    program = compiled("texts", "TrackingController", "gcc", "-O1")
+    lines = run([str(program), place, *map(repr, numbers)], env=environment).splitlines()
+    for number, line in zip(numbers, lines, strict=False):
+        whole, general, rounded = line.split()
+        assert (whole, general) == (repr(number), f"{number:.6g}")
+        assert rounded == f"{number:.1f}" or abs(number) >= 1e15
+    assert lines[len(numbers) :] == ["'100 ?s?' -3 7"]
+
+
+@on_linux
+@needs("gcc", "nm")
+def test_units_link_into_one_program_under_their_prefixes() -> None:
+    """And the loop over the FMI functions equals the bare arithmetic to the last bit."""
+    folder = workspace() / "prefixed"
+    folder.mkdir()
+    flags = ("-O2", "-std=c99", "-ffp-contract=off")
+    for unit in NATIVE_UNITS:
+        (folder / unit).mkdir()
+        run(["gcc", *flags, f"-DFMI2_FUNCTION_PREFIX={unit}_", "-c", *map(str, source_files(unit))], cwd=folder / unit)
+        names = run(["nm", "-g", "--defined-only", *map(str, (folder / unit).glob("*.o"))]).splitlines()
+        assert all(line.split()[-1].startswith(f"{unit}_") for line in names if len(line.split()) == 3)
+    objects = sorted(map(str, folder.glob("*/*.o")))
+    program = folder / "closed_loop"
+    run(
+        [
+            "gcc",
+            *flags,
+            f"-I{source_folder(UNITS[0])}",
+            str(HARNESSES / "closed_loop.c"),
+            *objects,
+            "-o",
+            str(program),
+            "-lm",
+        ]
+    )
+    target = np.linalg.pinv(design_of().arrays["static_inverse"]) @ [300.0, -100.0, 200.0, 150.0]
+    result = json.loads(run([str(program), "3000", *map(str, target)]))
+    assert result["fmi_result"] == result["bare_result"]
+    assert abs(result["fmi_result"]) > 1e-7
+
+
+def trace(command: list[str], library: str, folder: Path, **options: object) -> np.ndarray:  # type: ignore[type-arg]
+    """What run_library prints for a unit's library."""
+    description = fmpy.read_model_description(folder)
+    inputs = [v.valueReference for v in description.modelVariables if v.causality == "input"]
+    reals = [v.valueReference for v in description.modelVariables if v.type == "Real"]
+    listed = [",".join(map(str, references)) for references in (inputs, reals)]
+    text = run([*command, library, description.guid, "500", "2e-4", *listed], **options)
+    return np.array([line.split() for line in text.splitlines()], dtype=float)
+
+
+@pytest.fixture(scope="module")
+def foreign() -> dict[str, Path]:
+    """The folders of units with binaries for this machine, 64-bit ARM and Windows, and run_library for each."""
+    folder = workspace() / "foreign"
+    names = ("x86_64-linux", "aarch64-linux", "x86_64-windows")
+    units = [native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in NATIVE_UNITS]
+    build_native_units(units, names)
+    places = {}
+    for unit in NATIVE_UNITS:
+        fmpy.extract(str(folder / f"{unit}.fmu"), unzipdir=str(folder / unit))
+        places[unit] = folder / unit
+    for name, target, more in (
+        ("x86_64-linux", "x86_64-linux-gnu.2.17", ["-ldl"]),
+        ("aarch64-linux", "aarch64-linux-gnu.2.17", ["-ldl"]),
+        ("x86_64-windows", "x86_64-windows-gnu", []),
+    ):
+        places[name] = folder / f"{name}.exe"
+        run(
+            [
+                *ZIG,
+                "-target",
+                target,
+                "-mcpu=baseline",
+                "-O2",
+                "-std=c99",
+                "-Wall",
+                "-Werror",
+                f"-I{source_folder(UNITS[0])}",
+                str(HARNESSES / "run_library.c"),
+                "-o",
+                str(places[name]),
+                *more,
+            ]
+        )
+    return places
+
+
+on_x86 = pytest.mark.skipif(
+    platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"
+)
+
+
+@needs_zig
+@on_x86
+@needs("qemu-aarch64")
+@pytest.mark.skipif(not Path("/usr/aarch64-linux-gnu/lib").is_dir(), reason="not installed: libc6-arm64-cross")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_arm_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None:
+    """Under qemu; to 1e-12, since the C libraries' exp and pow may differ in the last digit."""
+    own = trace([str(foreign["x86_64-linux"])], str(foreign[unit] / f"binaries/linux64/{unit}.so"), foreign[unit])
+    arm = trace(
+        ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu", str(foreign["aarch64-linux"])],
+        str(foreign[unit] / f"binaries/aarch64-linux/{unit}.so"),
+        foreign[unit],
+    )
+    assert own.shape[0] == 10
+    assert np.max(np.abs(own)) > 0
+    assert np.all(np.abs(arm - own) <= 1e-12 * np.maximum(np.max(np.abs(own), axis=0), 1e-300))
+
+
+@needs_zig
+@on_x86
+@needs("wine")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_windows_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None:
+    environment = os.environ | {"WINEPREFIX": str(workspace() / "wine"), "WINEDEBUG": "-all"}
+    own = trace([str(foreign["x86_64-linux"])], str(foreign[unit] / f"binaries/linux64/{unit}.so"), foreign[unit])
+    library = "Z:" + str(foreign[unit] / f"binaries/win64/{unit}.dll").replace("/", "\\")
+    windows = trace(["wine", str(foreign["x86_64-windows"])], library, foreign[unit], env=environment)
+    assert np.all(np.abs(windows - own) <= 1e-12 * np.maximum(np.max(np.abs(own), axis=0), 1e-300))

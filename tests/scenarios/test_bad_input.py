@@ -1,0 +1,678 @@
+"""What a user can get wrong: exit status 2, one line that names file, key, rule and value, and nothing written."""
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from flexbeams.fmus.packaging.python import build_python_unit
+from flexbeams.scenarios.cli.main import main
+
+from tests.conftest import LOOP_WIRES, Workshop
+from tests.units import lag_interface as lag
+
+pytestmark = pytest.mark.usefixtures("known_designs")
+
+Write = Callable[[str, str], Path]
+Refused = Callable[..., str]
+
+LOOP = (
+    """title = "Loop"
+structure = "kiel"
+stop_time = 0.02
+[instance.feedforward]
+unit = "FlatnessFeedforward"
+start.transition_time = 0.9
+[instance.controller]
+unit = "TrackingController"
+[instance.plant]
+unit = "BeamPlant"
+"""
+    + LOOP_WIRES
+    + """[[input]]
+to = "feedforward.y_target"
+targets = [{ time = 0.001, value = [-8e-3, 1e-3, 4e-3, -6e-3] }]
+"""
+)
+
+
+@pytest.fixture
+def refused(at_run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Runs the command, which must refuse; returns its one line without the command's name."""
+
+    def refuse(*arguments: object) -> str:
+        out = tmp_path / "results"
+        assert main(["run", *map(str, arguments), "--out", str(out)]) == 2
+        shown = capsys.readouterr()
+        assert shown.out == ""
+        assert not out.exists()
+        line = shown.err.removesuffix("\n")
+        assert len(line.splitlines()) == 1
+        assert line.startswith("flexbeams: ")
+        assert "Traceback" not in line
+        return line.removeprefix("flexbeams: ")
+
+    return refuse
+
+
+def check(**keys: str) -> str:
+    """A check with these keys, values as TOML text."""
+    return (
+        LOOP
+        + "[[check]]\n"
+        + "".join(
+            f"{k} = {v}\n" for k, v in {"name": '"c"', "measure": '"largest"', "of": '"plant.y_pi"', **keys}.items()
+        )
+    )
+
+
+def swapped(old: str, new: str) -> str:
+    assert LOOP.count(old) == 1, old
+    return LOOP.replace(old, new)
+
+
+SCENARIOS = {
+    # keys
+    "an unknown key": ('titel = "x"\n' + LOOP, "titel is not a known key; did you mean 'title'? (valid: title, paper,"),
+    "a missing key": (swapped('structure = "kiel"\n', ""), "structure is missing"),
+    "an empty file": ("", "title is missing"),
+    "no instances": (LOOP[: LOOP.index("[instance")], "instance is missing"),
+    "no instance": (LOOP[: LOOP.index("[instance")] + "[instance]\n", "instance must hold at least one instance"),
+    "a bad name": (
+        swapped("[instance.plant]", '[instance."my plant"]'),
+        "instance.my plant must be a name of letters, digits and underscores",
+    ),
+    "an unknown key below": (
+        swapped("start.transition_time = 0.9", "strat.preview = 1.0"),
+        "instance.feedforward.strat is not a known key; did you mean 'start'?",
+    ),
+    "an unknown weight": (
+        LOOP + "[design.weights]\nlqr_inpt = 1.0\n",
+        "design.weights.lqr_inpt is not a known key; did you mean 'lqr_input'?",
+    ),
+    "not TOML": ("a = = 3", "is not valid TOML: Invalid value (at line 1, column 5)"),
+    # types and bounds
+    "a text for a number": (
+        swapped("stop_time = 0.02", 'stop_time = "long"'),
+        "stop_time must be a number, got 'long'",
+    ),
+    "not a number": (swapped("stop_time = 0.02", "stop_time = nan"), "stop_time must be finite, got nan"),
+    "endless": (swapped("stop_time = 0.02", "stop_time = inf"), "stop_time must be finite, got inf"),
+    "no time": (swapped("stop_time = 0.02", "stop_time = 0.0"), "stop_time must be finite and > 0, got 0.0"),
+    "before the start": (swapped("stop_time = 0.02", "stop_time = -1"), "stop_time must be finite and > 0, got -1"),
+    "a step of zero": ("step = 0.0\n" + LOOP, "step must be finite and > 0, got 0.0"),
+    "a step back": ("step = -1e-3\n" + LOOP, "step must be finite and > 0, got -0.001"),
+    "a step that does not fit": (
+        "step = 3e-3\n" + LOOP,
+        "stop_time must be a whole number of steps of 0.003 s, got 0.02",
+    ),
+    "a step longer than the run": ("step = 1.0\n" + LOOP, "stop_time must be a whole number of steps of 1 s, got 0.02"),
+    "a step of nothing": ("step = 1e-320\n" + LOOP, "stop_time must be a whole number of steps of 9.99989e-321 s"),
+    "more than fits": (
+        swapped("stop_time = 0.02", "stop_time = 1e9"),
+        "stop_time must leave at most 1.1 GB of recorded values, 5e+12 steps make 1.44e+06 GB; record "
+        "less of them with --decimate, got 1000000000.0",
+    ),
+    "far more than fits": (swapped("stop_time = 0.02", "stop_time = 1e300"), "stop_time must leave at most 1.1 GB"),
+    "an unknown coupling": (
+        'coupling = "jakobi"\n' + LOOP,
+        "coupling must be 'jacobi' or 'gauss-seidel'; did you mean 'jacobi'?, got 'jakobi'",
+    ),
+    "a truth for a number": (
+        swapped("= 0.9", "= true"),
+        "instance.feedforward.start.transition_time must be of type Real, got True",
+    ),
+    "a text for a value": (
+        swapped("= 0.9", '= "fast"'),
+        "instance.feedforward.start.transition_time must be a number, got 'fast'",
+    ),
+    "a table for a value": (
+        swapped("= 0.9", "= { a = 1 }"),
+        "instance.feedforward.start.transition_time must be a number, got 'dict'",
+    ),
+    "a value out of bounds": (
+        swapped("= 0.9", "= -1.0"),
+        "instance.feedforward.start.transition_time must be from 0.001 to 10000.0, got -1.0",
+    ),
+    # units and variables
+    "an unknown unit": (
+        swapped('"BeamPlant"', '"BeamPlan"'),
+        "instance.plant.unit must be 'BeamPlant', 'FlatnessFeedforward' or 'TrackingController'; did "
+        "you mean 'BeamPlant'?, got 'BeamPlan'",
+    ),
+    "unit and file": (
+        swapped('unit = "BeamPlant"', 'unit = "BeamPlant"\nfmu = "x.fmu"'),
+        "instance.plant must have exactly one of unit and fmu",
+    ),
+    "basis of a controller": (
+        swapped('"TrackingController"', '"TrackingController"\nbasis = "segment"'),
+        "instance.controller.basis and order belong to a BeamPlant",
+    ),
+    "an order too low": (
+        swapped('"BeamPlant"', '"BeamPlant"\nbasis = "segment"\norder = 2'),
+        "instance.plant order of the basis segment must be >= 3, got 2",
+    ),
+    "an unknown start value": (
+        swapped("start.transition_time", "start.transition_tim"),
+        "instance.feedforward.start.transition_tim is not a variable; did you mean "
+        "'transition_time'? (valid: y_target, transition_time, voltage_limit, preview)",
+    ),
+    "a start value of an output": (
+        swapped("start.transition_time", "start.u_ff"),
+        "instance.feedforward.start.u_ff is not settable",
+    ),
+    "too few start values": (
+        swapped("transition_time = 0.9", "y_target = [1e-3, 2e-3]"),
+        "instance.feedforward.start.y_target must have 4 values, got [0.001, 0.002]",
+    ),
+    "a broken integer": (
+        swapped('"BeamPlant"', '"BeamPlant"\nstart.noise_seed = 1.5'),
+        "instance.plant.start.noise_seed must be of type Integer, got 1.5",
+    ),
+    "a long integer": (
+        swapped('"BeamPlant"', '"BeamPlant"\nstart.noise_seed = 1e12'),
+        "instance.plant.start.noise_seed must be of type Integer, got 1000000000000.0",
+    ),
+    "an unknown family": (
+        swapped('"BeamPlant"', '"BeamPlant"\nscale."sprin[].stiffness" = 1.1'),
+        "instance.plant.scale.sprin[].stiffness is not a variable; did you mean 'spring[].",
+    ),
+    "a factor on a truth": (
+        swapped('"TrackingController"', '"TrackingController"\nscale.feedback = 2.0'),
+        "instance.controller.scale.feedback must be of a Real variable, got 'Boolean'",
+    ),
+    "a factor below zero": (
+        swapped('"BeamPlant"', '"BeamPlant"\nscale."spring[].stiffness" = -1.0'),
+        "instance.plant.scale.spring[].stiffness must be from 0.0 to inf, got -7.53",
+    ),
+    # connections and inputs
+    "an unknown instance": (
+        swapped('"plant.y_pm"', '"plan.y_pm"'),
+        "connection[4].from names an unknown instance 'plan'; did you mean 'plant'? (valid: "
+        "feedforward, controller, plant), got 'plan.y_pm'",
+    ),
+    "an unknown output": (
+        swapped('"plant.y_pm"', '"plant.y_mp"'),
+        "connection[4].from names no output 'y_mp' of plant; did "
+        "you mean 'y_pm'? (valid: y_pi, y_pm), got 'plant.y_mp'",
+    ),
+    "an unknown input": (
+        swapped('to = "plant.u"', 'to = "plant.v"'),
+        "connection[3].to names no input 'v' of plant (valid: u, force), got 'plant.v'",
+    ),
+    "into an output": (
+        swapped('to = "plant.u"', 'to = "plant.y_pi"'),
+        "connection[3].to names no input 'y_pi' of plant",
+    ),
+    "unequal sizes": (
+        swapped('"plant.y_pm"', '"plant.y_pi"'),
+        "connection[4] must join equal sizes: plant.y_pi has 4, controller.y_pm has 6",
+    ),
+    "an input driven twice": (
+        LOOP + '[[input]]\nto = "plant.u[3]"\nconstant = 1.0\n',
+        "input[2].to must not drive an input that is driven already, got 'plant.u[3]'",
+    ),
+    "two signals": (
+        LOOP + '[[input]]\nto = "plant.force"\nconstant = 1.0\nstep = { time = 1.0, value = 1.0 }\n',
+        "input[2] must have exactly one of constant, step, pulse,",
+    ),
+    "a signal too narrow": (
+        LOOP + '[[input]]\nto = "plant.force"\nconstant = [1.0, 2.0]\n',
+        "input[2] must give 3 values for plant.force, got 2",
+    ),
+    "a pulse without length": (
+        LOOP + '[[input]]\nto = "plant.force"\npulse = { time = 0, duration = 0, impulse = 1 }',
+        "input[2].pulse.duration must be finite and > 0, got 0",
+    ),
+    # targets
+    "a target out of reach": (
+        swapped("-8e-3, 1e-3", "-80e-3, 1e-3"),
+        "input[1].targets[1].value is out of reach: patch pair 1 would need 6608.9 V at rest, "
+        "the limit is 1000 V, got [-0.08, 0.001, 0.004, -0.006]",
+    ),
+    "a target of another size": (
+        swapped("[-8e-3, 1e-3, 4e-3, -6e-3]", "[-8e-3]"),
+        "input[1].targets[1].value must have 4 values, one for each point of interest, got [-0.008]",
+    ),
+    "targets out of order": (
+        swapped("targets = [", "targets = [{ time = 2.0, value = [0.0, 0.0, 0.0, 0.0] }, "),
+        "input[1].targets must have ascending times, got [2.0, 0.001]",
+    ),
+    "no targets": (
+        LOOP[: LOOP.index("targets")] + "targets = []\n",
+        "input[1].targets must have at least 1 entries, got []",
+    ),
+    # record, checks, figures
+    "an unknown record": (
+        'record = ["plant.enery"]\n' + LOOP,
+        "record[1] names no variable 'enery' of plant; did you mean 'energy'?",
+    ),
+    "a text to record": ('record = ["plant.design_id"]\n' + LOOP, "record[1] names no variable 'design_id' of plant"),
+    "a check of nothing": (check(of='"plant.y_pii"'), "check[1].of is not recorded; did you mean 'plant.y_pi'"),
+    "an unknown measure": (check(measure='"larges"'), "check[1].measure must be 'largest', "),
+    "a check after the end": (check(after="1.0"), "check[1].after must be within the run of 0.02 s, got 1.0"),
+    "a check beyond the end": (check(before="1.0"), "check[1].before must be within the run of 0.02 s, got 1.0"),
+    "a window of nothing": (
+        check(after="0.01", before="0.005"),
+        "check[1].before must be >= after (0.01 s), got 0.005",
+    ),
+    "a change in one row": (
+        check(measure='"largest_change"', after="0.02"),
+        "check[1].after must leave more than one row of the run to look at, got 0.02",
+    ),
+    "a point too many": (check(points="[5]"), "check[1].points must be from 1 to 4, got [5]"),
+    "no points": (check(points="[]"), "check[1].points must have at least 1 entries, got []"),
+    "reference of another size": (
+        check(reference="[1.0, 2.0]"),
+        "check[1].reference must have 4 values, got [1.0, 2.0]",
+    ),
+    "an unknown reference": (
+        check(reference='"targt"'),
+        "check[1].reference must be 'zero', 'target', 'end' or 'start'; did you mean 'target'?, got 'targt'",
+    ),
+    "strains against a target": (
+        check(of='"plant.y_pm"', reference='"target"'),
+        "check[1].of must have the 4 elements of the target, got 'plant.y_pm'",
+    ),
+    "percent of nothing": (check(relative="true", before="0.0005"), "check[1].relative needs a target other than zero"),
+    "overshoot of nothing": (
+        check(measure='"overshoot_percent"'),
+        "check[1].reference must not be zero for an overshoot in percent, got 'zero'",
+    ),
+    "limits crossed": (check(min="2.0", max="1.0"), "check[1].min must be <= max (1), got 2.0"),
+    "a figure of nothing": (
+        LOOP + '[[figure]]\nfile = "a"\nrows = [["plant.y_pi", "plant.y_pii"]]\n',
+        "figure[1].rows names a signal that is not recorded; did you mean 'plant.y_pi'",
+    ),
+    "an empty row": (
+        LOOP + '[[figure]]\nfile = "a"\nrows = [[]]\n',
+        "figure[1].rows[1] must have at least 1 entries, got []",
+    ),
+    "a figure elsewhere": (
+        LOOP + '[[figure]]\nfile = "../a"\nrows = [["plant.y_pi"]]\n',
+        "figure[1].file must match pattern '^[A-Za-z0-9_-]+$', got '../a'",
+    ),
+    "a figure of points beyond": (
+        LOOP + '[[figure]]\nfile = "a"\nrows = [["plant.y_pi"]]\npoints = [7]\n',
+        "figure[1].points must have one within plant.y_pi, got [7]",
+    ),
+    "open loop in a figure": (
+        LOOP + '[[figure]]\nfile = "a"\nrows = [["open_loop.plant.y_pi"]]\n',
+        "figure[1].rows needs the scenario's key open_loop",
+    ),
+    # other files
+    "an unknown structure": (
+        swapped('"kiel"', '"keil"'),
+        "structure 'keil' is neither a file nor a shipped structure; did you mean 'kiel'?",
+    ),
+    "an unknown open loop": (
+        'open_loop = "trackin"\n' + LOOP,
+        "open_loop 'trackin' is neither a file nor a shipped scenario; did you mean 'tracking'?",
+    ),
+    "an open loop of an open loop": (
+        'open_loop = "disturbance"\n' + LOOP,
+        "open_loop must be a scenario without an open_loop of its own, got 'disturbance'",
+    ),
+    "itself as open loop": (
+        'open_loop = "s.toml"\n' + LOOP,
+        "open_loop must be a scenario without an open_loop of its own, got 's.toml'",
+    ),
+    "no such unit": (swapped('unit = "BeamPlant"', 'fmu = "none.fmu"'), "instance.plant.fmu must be a file, got '"),
+    "a folder for a unit": (swapped('unit = "BeamPlant"', 'fmu = "."'), "instance.plant.fmu must be a file, got '"),
+    "no unit at all": (swapped('unit = "BeamPlant"', 'fmu = "s.toml"'), "instance.plant.fmu must be an FMU"),
+    # designs that cannot be
+    "more modes than there are": (
+        LOOP + "[design]\nreduced_modes = 30\n",
+        "reduced_modes must keep 1 to 30 position states, got 90",
+    ),
+    "a Gevrey order of two": (LOOP + "[design]\ngevrey_order = 2.0\n", "design.gevrey_order must be < 2, got 2.0"),
+    "a transition too short": (
+        LOOP + "[design]\ntransition_time = 1e-9\n",
+        "design.transition_time must be >= 0.001, got 1e-09",
+    ),
+    "an integral gain too large": (
+        LOOP + "[design]\nintegral_gain = 2.0\n",
+        "design.integral_gain must be <= 1, got 2.0",
+    ),
+    "a sample time of zero": (LOOP + "[design]\nsample_time = 0\n", "design.sample_time must be finite and > 0, got 0"),
+}
+
+
+@pytest.mark.parametrize("case", SCENARIOS)
+def test_scenario_with(case: str, refused: Refused, write_scenario: Write) -> None:
+    text, complaint = SCENARIOS[case]
+    path = write_scenario("s", text)
+    line = refused(path)
+    assert line.startswith(f"{path}: ")
+    assert complaint in line
+
+
+STRUCTURES = {
+    "an unknown key": (
+        "[[beam]]\nlength",
+        "[[beam]]\nlenght",
+        "beam[1].lenght is not a known key; did you mean 'length'?",
+    ),
+    "a missing key": ("tip_mass = 0.0202", "", "beam[1].tip_mass is missing"),
+    "a text": ("density = 1500.0", 'density = "heavy"', "beam[1].density must be a number, got 'heavy'"),
+    "a negative length": ("length = 0.4 #", "length = -0.4 #", "beam[1].length must be finite and > 0, got -0.4"),
+    "not a number": ("stiffness = 7.53", "stiffness = nan", "spring[1].stiffness must be finite"),
+    "overlapping patches": (
+        "position = 0.16",
+        "position = 0.1",
+        "patch[3].position must not overlap patch[2], which ends at 0.11 m, got 0.1",
+    ),
+    "an overhanging patch": (
+        "position = 0.16",
+        "position = 0.35",
+        "patch[3].position plus length must not pass the end of beam 2 (0.4 m), got 0.435",
+    ),
+    "a point off the beam": (
+        "position = 0.39",
+        "position = 0.41",
+        "point_of_interest[1].position must lie on beam 1 (0 ... 0.4 m), got 0.41",
+    ),
+    "a gauge off the beam": (
+        "position = 0.2 #",
+        "position = 0.399 #",
+        "strain_gauge[2].position with its length 0.006 m must lie on beam 1",
+    ),
+    "an unknown beam": ("beam = 3", "beam = 4", "patch[4].beam must be a beam from 1 to 3, got 4"),
+    "a spring to nowhere": (
+        "between = [2, 3]",
+        "between = [2, 4]",
+        "spring[2].between must be two adjacent beams from 1 to 3, got [2, 4]",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", STRUCTURES)
+def test_structure_with(
+    case: str, refused: Refused, tmp_path: Path, write_scenario: Write, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In a scenario, on the command line of a run, and in a design."""
+    from flexbeams.plant.structure import find_structure
+
+    old, new, complaint = STRUCTURES[case]
+    text = find_structure("kiel").read_text(encoding="utf-8")
+    assert old in text
+    own = tmp_path / "own.toml"
+    own.write_text(text.replace(old, new, 1), encoding="utf-8")
+    assert refused(write_scenario("s", swapped('"kiel"', '"own.toml"'))).startswith(f"{own}: {complaint}")
+    assert refused("tracking", "--structure", own).startswith(f"{own}: {complaint}")
+    assert main(["design", "--structure", str(own)]) == 2
+    assert capsys.readouterr().err.startswith(f"flexbeams: {own}: {complaint}")
+
+
+OPTIONS = {
+    "no equals sign": (["--set", "plant.u"], "must be INSTANCE.VARIABLE=VALUE, got 'plant.u'"),
+    "no instance": (["--set", "=3"], "must be INSTANCE.VARIABLE=VALUE, got '=3'"),
+    "no variable": (["--set", "plant.=3"], "--set plant. is not a variable"),
+    "an unknown instance": (["--set", "plan.u=1"], "--set names an unknown instance 'plan'; did you mean 'plant'?"),
+    "an unknown variable": (
+        ["--set", "plant.spring[1].stifness=1"],
+        "--set plant.spring[1].stifness is not a variable; did you mean 'spring[].stiffness'?",
+    ),
+    "an output": (["--set", "plant.y_pi[1]=1"], "--set plant.y_pi[1] is not settable"),
+    "a text": (
+        ["--set", "plant.u=high"],
+        "plant.u must be a number, numbers separated by commas, true or false, got 'high'",
+    ),
+    "not a number": (["--set", "plant.force[1]=nan"], "plant.force[1] must be finite, got 'nan'"),
+    "a number for a truth": (
+        ["--set", "controller.feedback=2"],
+        "--set controller.feedback must be of type Boolean, got 2.0",
+    ),
+    "a truth for a number": (
+        ["--set", "controller.integral_gain=true"],
+        "--set controller.integral_gain must be of type Real, got True",
+    ),
+    "out of bounds": (
+        ["--set", "plant.beam[1].density=-1"],
+        "--set plant.beam[1].density must be from 0.0 to inf, got -1.0",
+    ),
+    "impossible": (["--set", "plant.beam[1].density=0"], "beam[1].density must be finite and > 0, got 0.0"),
+    "out of reach by a limit": (
+        ["--set", "feedforward.voltage_limit=100"],
+        "would need 817.0 V at rest, the limit is 100 V",
+    ),
+    "a driven input": (
+        ["--set", "plant.u[1]=1"],
+        "--set must not set an input that the scenario drives, got 'plant.u[1]'",
+    ),
+    "a stop time of zero": (["--stop-time", "0"], "'--stop-time': 0.0 is not in the range x>0"),
+    "no stop time": (["--stop-time", "nan"], "'--stop-time': nan must be finite and > 0"),
+    "an endless stop time": (["--stop-time", "inf"], "'--stop-time': inf must be finite and > 0"),
+    "no step": (["--step", "nan"], "'--step': nan must be finite and > 0"),
+    "an endless factor": (["--real-time-factor", "inf"], "'--real-time-factor': inf must be finite and > 0"),
+    "a stop time in words": (["--stop-time", "long"], "'long' is not a valid float"),
+    "a stop time between steps": (
+        ["--stop-time", "0.0003"],
+        "--stop-time: stop_time must be a whole number of steps of 0.0002 s, got 0.0003",
+    ),
+    "a huge stop time": (["--stop-time", "1e12"], "--stop-time: stop_time must leave at most 1.1 GB"),
+    "an unknown structure": (
+        ["--structure", "keil"],
+        "--structure: structure 'keil' is neither a file nor a shipped "
+        "structure; did you mean 'kiel'? (valid: five_beams, kiel, single_beam)",
+    ),
+    "a folder for a structure": (["--structure", "."], "--structure: structure '.' is neither a file nor"),
+    "a structure that does not fit": (
+        ["--structure", "single_beam"],
+        "input[1].targets[1].value must have 1 values, one for each point of interest",
+    ),
+    "an unknown basis": (["--basis", "segments"], "'segments' is not one of 'clamped_free', 'segment'"),
+    "an unknown coupling": (["--coupling", "seidel"], "'seidel' is not one of 'jacobi', 'gauss-seidel'"),
+    "an unknown option": (["--stop", "1"], "--stop"),
+    "a real-time run of Python units": (["--backend", "python", "--real-time"], "--real-time needs native units"),
+}
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_option_with(case: str, refused: Refused, write_scenario: Write, capsys: pytest.CaptureFixture[str]) -> None:
+    options, complaint = OPTIONS[case]
+    path = write_scenario("s", LOOP)
+    if case in ("impossible", "a real-time run of Python units"):  # seen by the units, whose building is told first
+        backend = [] if case == "impossible" else ["--backend", "python"]
+        assert (
+            main(["run", str(path), "--out", str(path.parent / "built"), "--no-figures", "--no-report", *backend]) == 0
+        )
+        capsys.readouterr()
+    assert complaint in refused(path, *options)
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("trackin", "scenario 'trackin' is neither a file nor a shipped scenario; did you mean 'tracking'? (valid: "),
+        (".", "scenario '.' is neither a file nor a shipped scenario"),
+        ("none.toml", "scenario 'none.toml' is neither a file nor a shipped scenario"),
+        ("", "scenario '' is neither a file nor a shipped scenario"),
+        ("a\0b", "is neither a file nor a shipped scenario"),
+        ("x" * 5000, "File name too long"),
+    ],
+)
+def test_no_such_scenario(refused: Refused, name: str, complaint: str) -> None:
+    assert complaint in refused(name)
+
+
+def test_second_of_two_scenarios_is_looked_at_before_the_first_runs(refused: Refused) -> None:
+    assert "scenario 'trackin' is neither" in refused("tracking", "trackin")
+
+
+def test_scenario_in_another_encoding(refused: Refused, tmp_path: Path) -> None:
+    path = tmp_path / "latin.toml"
+    path.write_bytes(LOOP.replace("Loop", "Schl\xe4ufe").encode("latin-1"))
+    assert refused(path).startswith(f"{path}: is not UTF-8 text")
+
+
+@pytest.mark.parametrize("place", ["a file", "below a file", "a folder that cannot be"])
+def test_no_folder_for_results(
+    at_run_folder: Path, tmp_path: Path, write_scenario: Write, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_scenario("s", LOOP)
+    folder = {"a file": path, "below a file": path / "out", "a folder that cannot be": Path("/proc/none")}[place]
+    assert main(["run", str(path), "--out", str(folder)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert len(shown.err.splitlines()) == 1
+    assert str(folder) in shown.err
+
+
+# FMU files
+
+
+def fmu(path: Path, description: str) -> Path:
+    """An archive with nothing but a description."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+    return path
+
+
+HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n<fmiModelDescription fmiVersion="{}" modelName="m" {}>{}'
+    "<ModelVariables/><ModelStructure/></fmiModelDescription>"
+)
+ARCHIVES = {
+    "FMI 3": (
+        HEAD.format("3.0", 'instantiationToken="x"', '<CoSimulation modelIdentifier="m"/>'),
+        "must be an FMI 2.0 co-simulation unit",
+    ),
+    "model exchange alone": (
+        HEAD.format("2.0", 'guid="x"', '<ModelExchange modelIdentifier="m"/>'),
+        "must be an FMI 2.0 co-simulation unit",
+    ),
+    "no XML": ("no description", "must be an FMU"),
+    "cut off": (HEAD.format("2.0", 'guid="x"', "")[:100], "must be an FMU"),
+    "no binary": (
+        HEAD.format("2.0", 'guid="x"', '<CoSimulation modelIdentifier="m"/>').replace(
+            "<ModelVariables/>",
+            '<ModelVariables><ScalarVariable name="u" valueReference="0" causality="input">'
+            '<Real start="0"/></ScalarVariable></ModelVariables>',
+        ),
+        "instance.other cannot be loaded from",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ARCHIVES)
+def test_unit_file_with(case: str, refused: Refused, tmp_path: Path, write_scenario: Write) -> None:
+    description, complaint = ARCHIVES[case]
+    fmu(tmp_path / "other.fmu", description)
+    path = write_scenario(
+        "s", 'title = "x"\nstructure = "single_beam"\nstop_time = 0.01\n[instance.other]\nfmu = "other.fmu"\n'
+    )
+    line = refused(path)
+    assert line.startswith(f"{path}: instance.other")
+    assert complaint in line
+
+
+def test_archive_without_a_description(refused: Refused, tmp_path: Path, write_scenario: Write) -> None:
+    with zipfile.ZipFile(tmp_path / "other.fmu", "w") as archive:
+        archive.writestr("readme.txt", "nothing")
+    path = write_scenario("s", swapped('unit = "BeamPlant"', 'fmu = "other.fmu"'))
+    assert "instance.plant.fmu must be an FMU" in refused(path)
+
+
+def test_damaged_archive(refused: Refused, tmp_path: Path, write_scenario: Write, workshop: Workshop) -> None:
+    content = workshop.fmu("BeamPlant").read_bytes()
+    (tmp_path / "other.fmu").write_bytes(content[: len(content) // 2])
+    path = write_scenario("s", swapped('unit = "BeamPlant"', 'fmu = "other.fmu"'))
+    assert "instance.plant.fmu must be an FMU" in refused(path)
+
+
+def test_units_of_two_designs(refused: Refused, write_scenario: Write, workshop: Workshop) -> None:
+    """A controller designed on another basis has other coordinates; it would run, and wrongly."""
+    file = workshop.fmu("TrackingController", "kiel", "segment")
+    path = write_scenario("s", swapped('unit = "TrackingController"', f'fmu = "{file}"'))
+    line = refused(path)
+    assert line.startswith(f"{path}: instance units must be of one design (design_id): feedforward has ")
+    assert line.endswith("; build them together")
+
+
+def test_units_of_two_structures(refused: Refused, write_scenario: Write, workshop: Workshop) -> None:
+    file = workshop.fmu("BeamPlant", "single_beam")
+    assert "must be of one design" in refused(write_scenario("s", swapped('unit = "BeamPlant"', f'fmu = "{file}"')))
+
+
+# Units that fail
+
+
+@pytest.fixture(scope="module")
+def lag_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The test unit, which fails when u[3] is large."""
+    unit = lag.lag_unit(tmp_path_factory.mktemp("lag") / "lag.fmu")
+    return build_python_unit(unit.interface, unit.data, unit.meta, unit.kernel_file, unit.out)
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [(2e6, "u[3] must be <= 1e6, got 2000000.0"), (-2e6, "ZeroDivisionError: kernel fault ? (line ")],
+)
+def test_unit_that_fails_in_mid_run(
+    at_run_folder: Path,
+    write_scenario: Write,
+    lag_file: Path,
+    tmp_path: Path,
+    value: float,
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Message, time and instance; rows up to then are kept and marked incomplete; no figures of half a run."""
+    path = write_scenario(
+        "failing",
+        f'''title = "x"
+structure = "single_beam"
+stop_time = 1.0
+step = 1e-3
+[instance.first]
+fmu = "{lag_file}"
+[instance.second]
+fmu = "{lag_file}"
+[[input]]
+to = "first.u"
+constant = [1.0, 0.0, 0.0]
+[[input]]
+to = "second.u[3]"
+step = {{ time = 0.7, value = {value} }}
+[[check]]
+name = "c"
+measure = "largest"
+of = "first.y"
+max = 1e9
+[[figure]]
+file = "f"
+rows = [["first.y"]]
+''',
+    )
+    out = tmp_path / "out"
+    assert main(["run", str(path), "--out", str(out)]) == 2
+    *notes, line = capsys.readouterr().err.splitlines()
+    assert notes == ["first: scale 2.0", "second: scale 2.0"]  # what the unit says of itself
+    assert line.startswith("flexbeams: second failed at 0.7 s in fmi2DoStep: ")
+    assert reason in line
+    assert line.endswith(f"; what was recorded up to then is in {out}")
+    assert sorted(p.name for p in out.iterdir()) == ["results.csv", "summary.json"]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["complete"] is False
+    assert summary["error"].startswith("second failed at 0.7 s")
+    assert summary["checks"] == []
+    assert summary["timing"]["steps"] == 700
+    rows = (out / "results.csv").read_text().splitlines()[1:]
+    assert len(rows) == 701
+    assert float(rows[-1].split(",")[0]) == pytest.approx(0.7)
+    assert "nan" not in rows[-1]
+
+
+def test_unit_that_fails_at_the_start(refused: Refused, write_scenario: Write, workshop: Workshop) -> None:
+    path = write_scenario(
+        "s",
+        swapped(
+            'unit = "BeamPlant"',
+            f'fmu = "{workshop.fmu("BeamPlant")}"\nscale."patch[].youngs_modulus" = [1.0, 1.0, 0.0, 1.0]',
+        ),
+    )
+    line = refused(path, "--backend", "python")
+    assert line.startswith(f"{path}: plant failed at 0 s in ")
+    assert line.endswith(": patch[3].youngs_modulus must be finite and > 0, got 0.0")

@@ -1,0 +1,173 @@
+"""Measuring: the bare loops do the units' arithmetic, and the verb gives every figure."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flexbeams.plant.basis import Array
+from flexbeams.plant.structure import find_structure, read_structure
+from flexbeams.scenarios.bench.bare_loops import NumpyLoops
+from flexbeams.scenarios.bench.measure import Bench
+from flexbeams.scenarios.bench.unit_loops import Loop, chain
+from flexbeams.scenarios.cli.main import main
+
+from tests.conftest import design_of
+
+pytest.importorskip("ziglang")
+STEPS = 6_000  # past the start of the transition at 1 s
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    with Bench(STEPS, rounds=1, build_folder=tmp_path_factory.mktemp("units")) as made:
+        yield made
+
+
+def outputs(loop: Loop, rows: Array) -> dict[str, Array]:
+    """The arrays of a unit on its own after a step for each row."""
+    loop.start()
+    loop.advance(rows)
+    unit = loop.instances["unit"]
+    arrays: dict[str, list[float]] = {}
+    for name, variable in unit.variables.items():
+        if variable.causality in ("output", "local") and variable.type == "Real" and name.endswith("]"):
+            arrays.setdefault(name.partition("[")[0], []).append(float(unit.get(name)))
+    return {name: np.array(values) for name, values in arrays.items()}
+
+
+def assert_near(actual: Array, expected: Array) -> None:
+    """1e-9 of the largest element."""
+    assert np.abs(expected).max() > 0
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_plant(bench: Bench) -> None:
+    rows = np.random.default_rng(1).uniform(-1, 1, (700, 7)) * np.r_[np.full(4, 500.0), np.full(3, 0.1)]
+    bare, numpy = bench.bare(), NumpyLoops(bench.design, bench.matrices)
+    bare.plant(rows)
+    for row in rows:
+        numpy.plant_step(row)
+    unit = outputs(bench.unit_loop("plant", ("u", "force"), rows), rows)
+    assert_near(bare["y"][:4], unit["y_pi"])
+    assert_near(bare["y"][4:], unit["y_pm"])
+    assert_near(numpy.y, bare["y"])
+
+
+def test_controller_within_and_beyond_the_voltage_limit(bench: Bench) -> None:
+    for size in (200.0, 4000.0):
+        rows = np.random.default_rng(2).normal(size=(300, 40))
+        rows[:, :4] *= size
+        rows[:, 34:] *= 1e-6
+        rows[0] = 0.0
+        bare, numpy = bench.bare(), NumpyLoops(bench.design, bench.matrices)
+        bare.controller(rows)
+        for row in rows:
+            numpy.controller_step(row[:4], row[4:34], row[34:])
+        unit = outputs(bench.unit_loop("controller", ("u_ff", "x_ref", "y_pm"), rows), rows)
+        for name, other in (("x_est", numpy.x_est), ("u", numpy.u), ("y_est", numpy.y_est)):
+            assert_near(bare[name], unit[name])
+            assert_near(other, unit[name])
+
+
+@pytest.mark.parametrize("end", [400, 5_500])
+def test_feedforward_under_way_and_arrived(bench: Bench, end: int) -> None:
+    """Three transitions, superposed at first."""
+    rows = np.zeros((end, 4))
+    for k, begin in enumerate((3, 4, 90)):
+        rows[begin:] += np.array([-2e-3, 1e-4 * k, 1e-3, -2e-3])
+    starts = {"transition_time": 0.9, "preview": 2e-4}
+    motion = bench.motion(rows, starts)
+    np.testing.assert_array_equal(motion.begins, [3, 4, 90])
+    bare, numpy = bench.bare(motion), NumpyLoops(bench.design, bench.matrices, motion)
+    bare.feedforward(0, end)
+    for k in range(end):
+        numpy.feedforward_step(k)
+    unit = outputs(bench.unit_loop("feedforward", ("y_target",), rows, starts), rows)
+    for name, other in (("u_ff", numpy.u_ff), ("x_ref", numpy.x_ref), ("y_ref", numpy.y_ref)):
+        assert_near(bare[name], unit[name])
+        assert_near(other, unit[name])
+
+
+def test_closed_loop(bench: Bench) -> None:
+    """The bare loop and numpy end where the runner does, in the middle of the transition."""
+    recorded = bench.closed_run()
+    motion = bench.closed_motion()
+    bare, numpy = bench.bare(motion), NumpyLoops(bench.design, bench.matrices, motion)
+    bare.closed(STEPS)
+    for k in range(STEPS):
+        numpy.closed_step(k)
+    assert recorded["feedforward.moving"][-1] == 1.0
+    for name, values, other in (
+        ("plant.y_pi", bare["y"][:4], numpy.y[:4]),
+        ("controller.u", bare["u"], numpy.u),
+        ("controller.y_est", bare["y_est"], numpy.y_est),
+    ):
+        expected = np.array([v[-1] for column, v in recorded.items() if column.startswith(f"{name}[")])
+        assert_near(values, expected)
+        assert_near(other, expected)
+
+
+def test_single_steps_are_those_of_the_block(bench: Bench) -> None:
+    rows = np.random.default_rng(4).uniform(-300, 300, (200, 7))
+    whole = outputs(bench.unit_loop("plant", ("u", "force"), rows), rows)
+    loop = bench.unit_loop("plant", ("u", "force"), rows)
+    loop.start()
+    durations = loop.stepper.durations(0, rows)
+    assert durations.shape == (200,)
+    assert np.all(durations > 0)
+    assert loop.stepper.done == 200
+    np.testing.assert_array_equal([loop.instances["unit"].get(f"y_pi[{k}]") for k in (1, 2, 3, 4)], whole["y_pi"])
+
+
+def test_rows_of_beams() -> None:
+    kiel = read_structure(find_structure("kiel"))
+    assert chain(kiel, 3) == kiel
+    five = chain(kiel, 5)
+    assert [s.between for s in five.spring] == [(1, 2), (2, 3), (3, 4), (4, 5)]
+    assert [p.beam for p in five.patch] == [1, 2, 2, 3, 4, 5, 5]
+
+
+def test_json_of_the_verb(
+    at_run_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("flexbeams.scenarios.bench.measure.GROWTH", {1: 2, 2: 2})
+    assert main(["bench", "--steps", "40", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["steps"] == 40
+    assert figures["design_id"] == design_of("kiel").design_id
+    assert [loop["name"] for loop in figures["loops"]] == [
+        "plant",
+        "feedforward, moving",
+        "feedforward, at rest",
+        "controller",
+        "closed loop",
+    ]
+    for loop in figures["loops"]:
+        for variant in ("bare", "fmi", "runner", "numpy"):
+            assert loop[variant].keys() == {"seconds", "us_per_step", "ratio"}
+            assert loop[variant]["us_per_step"] == pytest.approx(1e6 * loop[variant]["seconds"] / 40)
+    assert [t["transitions"] for t in figures["transitions"]] == [1, 8]
+    assert figures["real_time"].keys() == {"steps", "median", "p99", "p99.99", "max", "limit", "over_limit"}
+    assert [(g["beams"], g["states"], g["reduced_states"]) for g in figures["growth"]] == [(1, 20, 4), (2, 40, 8)]
+    for grown in figures["growth"]:
+        for unit in ("plant", "controller"):
+            assert grown[unit].keys() == {"bare_us_per_step", "fmi_us_per_step", "ratio"}
+    assert len(figures["targets"]) == 6
+    assert all(t["met"] == (t["measured"] <= t["limit"]) for t in figures["targets"])
+
+
+def test_table_of_the_verb(
+    at_run_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("flexbeams.scenarios.bench.measure.GROWTH", {1: 2})
+    assert main(["bench", "--steps", "10"]) == 0
+    shown = capsys.readouterr().out
+    for text in ("closed loop", "FMI functions", "numpy", "growth", "targets", "at most", "of 33", "p99.99"):
+        assert text in shown
+
+
+def test_steps_must_be_positive(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--steps", "0"]) == 2
+    assert "x>=1" in capsys.readouterr().err
