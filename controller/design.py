@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked_dataclass
+
 from flexbeams.controller.flatness import cancellation, flat_parameterisation, tabulate_input_shapes
 from flexbeams.controller.kalman import predictor_gain, process_noise
 from flexbeams.controller.lqr import lqr_gain
@@ -20,8 +23,6 @@ from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName, BeamModel, Second
 from flexbeams.plant.statespace import state_matrices, static_gains, undamped_frequencies
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.validation import TABLE, Index, Positive, checked
-from pydantic import Field
-from pydantic.dataclasses import dataclass as checked_dataclass
 
 FORMAT = 1  # of the design file
 

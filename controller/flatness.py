@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+
 from flexbeams.controller.planner import InputShapes, places
 from flexbeams.controller.reduction import ReducedModel
 from flexbeams.controller.transition import Transition, derivative_scales

@@ -1,6 +1,7 @@
 """The steady-state Kalman filter (40)-(42) with the weights (46)."""
 
 import numpy as np
+
 from flexbeams.controller.riccati import require_stable, solve_riccati
 from flexbeams.plant.basis import Array
 

@@ -1,6 +1,7 @@
 """The linear-quadratic regulator (43), (44)."""
 
 import numpy as np
+
 from flexbeams.controller.riccati import require_stable, solve_riccati
 from flexbeams.plant.basis import Array
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 
 PATIENCE = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import eigh, solve_continuous_lyapunov, svd
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BeamModel, SecondOrderSystem
 from flexbeams.plant.statespace import static_gains
-from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 
 OutputWeight = Literal["identity", "energy"]
 ENERGY_MODES = 30  # undamped modes kept before balancing in the energy norm

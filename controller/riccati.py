@@ -1,9 +1,10 @@
 """The discrete algebraic Riccati equation, scaled, refined and checked."""
 
 import numpy as np
+from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
-from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
 
 TOLERANCE = 1e-9  # relative residual accepted
 MARGIN = 1e-12  # by which a stable eigenvalue is inside the unit circle, more than rounding

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 
 NODES = 256  # intervals of the table of Theta over the transition

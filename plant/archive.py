@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flexbeams.plant.errors import InputError
 from numpy.typing import NDArray
+
+from flexbeams.plant.errors import InputError
 
 _EARLIEST = 315532800  # s since 1970: 1980-01-01, the first day a zip archive can hold
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+
 from flexbeams.plant.basis import Array, symmetric_product
 
 

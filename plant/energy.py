@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
-from scipy.linalg import cholesky, solve_triangular
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+
 from flexbeams.plant.basis import Array, Basis
 from flexbeams.plant.clamped_free import ClampedFreeBasis
 from flexbeams.plant.segment import SegmentBasis, pieces

@@ -1,6 +1,7 @@
 """Measures of a response: overshoot, settling and decay, as the comparison with the paper defines them."""
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 
 

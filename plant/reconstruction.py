@@ -14,6 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import differential_evolution
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BeamModel, beam_model
@@ -29,8 +32,6 @@ from flexbeams.plant.structure import (
     Structure,
     read_structure,
 )
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import differential_evolution
 
 # Section 4 of the paper
 VOLTAGE = np.array([817.0, -770.0, -807.0, 781.0])  # V (48)

@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from flexbeams.plant.basis import Array, symmetric_product
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
+
+from flexbeams.plant.basis import Array, symmetric_product
 
 _ENDS = 1e-9  # a cut nearer to another than this part of the length is the same cut
 

@@ -1,9 +1,10 @@
 """First-order form, natural frequencies and static gains of the second-order system."""
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular, svdvals
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel, SecondOrderSystem
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular, svdvals
 
 
 def state_matrices(system: SecondOrderSystem) -> tuple[Array, Array]:

@@ -5,10 +5,11 @@ from itertools import pairwise
 from os.path import isfile
 from pathlib import Path
 
-from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.plant.validation import TABLE, Index, NonNegative, Positive, checked, read_toml
 from pydantic import Field
 from pydantic.dataclasses import dataclass
+
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.validation import TABLE, Index, NonNegative, Positive, checked, read_toml
 
 SHIPPED = Path(__file__).parent / "structures"
 _ROUNDING = 1e-12  # relative; parts that touch in decimals may overlap by a rounding error

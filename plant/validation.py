@@ -5,8 +5,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from flexbeams.plant.errors import InputError, suggestion
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from flexbeams.plant.errors import InputError, suggestion
 
 TABLE = ConfigDict(extra="forbid")
 

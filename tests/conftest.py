@@ -8,6 +8,7 @@ from typing import Any
 
 import fmpy
 import pytest
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.shipped import UNITS

@@ -66,8 +66,8 @@ def wiring_page(interface: Interface, picture: bytes, blocks: Sequence[Block], w
             + "\n".join(f"# {_heading(unit, blocks)}\n{chapter_of(unit).timing.strip()}" for unit in units),
             wiring="\n".join(wiring),
             clock="",
-            generated="<code>tables.c</code> and <code>part_1.c</code> and so on, one for each part, are what the design "
-            "wrote",
+            generated="<code>tables.c</code> and <code>part_1.c</code> and so on, one for each part, are what the "
+            "design wrote",
         ),
     )
 

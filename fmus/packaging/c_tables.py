@@ -6,10 +6,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from flexbeams.controller.planner import places
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface, Variable
-from numpy.typing import ArrayLike, NDArray
 
 NAME_SIZE, TEXT_SIZE, PANEL = 48, 256, 8  # as in unit.h and linear_algebra.h
 _TYPES = ("Real", "Integer", "Boolean", "String")

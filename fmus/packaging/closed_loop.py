@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from flexbeams.fmus.documents.closed_loop_page import Block, loop_picture, wiring_page
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.variables import Interface, Variable, time_variable
@@ -22,7 +24,6 @@ from flexbeams.fmus.packaging.c_tables import (
     kernel_tables,
 )
 from flexbeams.fmus.packaging.native import FMI_FILES, NativeUnit, mathematics_files, native_source
-from numpy.typing import ArrayLike
 
 UNIT = "BeamClosedLoop"
 _INNER = ("x_ref",)  # outputs that concern nobody outside once they are wired

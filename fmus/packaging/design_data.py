@@ -3,11 +3,12 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from flexbeams.controller.design import Design
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.units.shipped import physical_parameters
 from flexbeams.plant.galerkin import BeamModel
-from numpy.typing import NDArray
 
 _FEEDFORWARD = (
     "static_inverse",

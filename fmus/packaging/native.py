@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.documents.documentation import documentation_page
 from flexbeams.fmus.documents.picture import model_picture
@@ -19,7 +21,6 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.c_tables import tables_source
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
 from flexbeams.plant.archive import write_whole, zip_bytes
-from numpy.typing import ArrayLike
 
 _NATIVE = Path(__file__).parents[1] / "native"
 FMI_FILES = (

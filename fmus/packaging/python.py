@@ -22,11 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.plant.archive import npz_bytes, write_whole, zip_bytes
-from numpy.typing import ArrayLike
 
 _root = Path(__file__).parents[2]
 _project = "flexbeams"

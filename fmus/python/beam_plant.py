@@ -6,10 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from flexbeams.fmus.python.slave import Unit, UnitError
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.errors import DesignError
-from numpy.typing import NDArray
 
 _MASK = 2**64 - 1
 _MAY_VANISH = ("tip_mass", "viscous_damping", "structural_damping")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from flexbeams.controller.planner import InputShapes, Motion, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.fmus.python.slave import Unit, UnitError

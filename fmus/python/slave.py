@@ -25,11 +25,12 @@ from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
-from flexbeams.fmus.python.snapshot import pack_state, unpack_state
-from flexbeams.fmus.python.tables import read_tables
 from numpy.typing import DTypeLike, NDArray
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
+
+from flexbeams.fmus.python.snapshot import pack_state, unpack_state
+from flexbeams.fmus.python.tables import read_tables
 
 Value = TypeVar("Value")
 Arguments = ParamSpec("Arguments")

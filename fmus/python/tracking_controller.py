@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from flexbeams.fmus.python.slave import Unit
 from numpy.typing import NDArray
+
+from flexbeams.fmus.python.slave import Unit
 
 
 class TrackingController(Unit):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+
 from flexbeams.controller.design import Design
 from flexbeams.fmus.references.responses import controller_response, feedforward_outputs, held_response, planned_motion
 from flexbeams.plant.basis import Array

@@ -6,12 +6,13 @@ time, where they keep and retire them. It shares the series of Theta and the pla
 """
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular, svd
+
 from flexbeams.controller.design import Design
 from flexbeams.controller.planner import InputShapes, Motion, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import SecondOrderSystem
-from scipy.linalg import cholesky, solve_triangular, svd
 
 
 def held_response(

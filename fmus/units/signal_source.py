@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.si import BASE_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
-from numpy.typing import NDArray
 
 Kind = Literal[
     "constant",

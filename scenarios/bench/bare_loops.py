@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from flexbeams import fmus
 from flexbeams.controller.design import Design
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.fmus.packaging.c_tables import panels
@@ -17,9 +20,6 @@ from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import BeamModel
-from numpy.typing import NDArray
-
-from flexbeams import fmus
 
 _BENCH = Path(__file__).parent / "native"
 _UNITS = Path(str(fmus.__file__)).parent / "native"

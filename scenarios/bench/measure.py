@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.fmus.packaging.build import ensure_units
 from flexbeams.plant.basis import Array

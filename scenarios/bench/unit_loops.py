@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fmpy import read_model_description
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import Spring, Structure
 from flexbeams.scenarios.definition.signals import Signal
@@ -14,7 +16,6 @@ from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation, Plan
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.stepping import NativeStepper
-from fmpy import read_model_description
 
 
 class Loop:

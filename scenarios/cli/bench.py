@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import click
+
 from flexbeams.scenarios.cli.options import compiler_option
 
 

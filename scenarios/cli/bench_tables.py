@@ -2,8 +2,9 @@
 
 from typing import Any
 
-from flexbeams.scenarios.cli.tables import console
 from rich.table import Table
+
+from flexbeams.scenarios.cli.tables import console
 
 _VARIANTS = {"bare": "bare C", "fmi": "FMI functions", "runner": "runner", "numpy": "numpy"}
 

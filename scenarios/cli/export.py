@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+
 from flexbeams.scenarios.cli.options import BASES, COUPLINGS, POSITIVE, compiler_option, note
 from flexbeams.scenarios.cli.run import assignment
 

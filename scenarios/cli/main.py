@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
+
 from flexbeams.plant.errors import FlexbeamsError, InputError
 from flexbeams.scenarios.cli.bench import bench
 from flexbeams.scenarios.cli.compare import compare

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.options import BACKENDS, BASES, COUPLINGS, POSITIVE, compiler_option, note
 

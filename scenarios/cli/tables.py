@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from flexbeams.controller.design import Design
-from flexbeams.scenarios.results.display import limits, number
-from flexbeams.scenarios.runs.job import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from flexbeams.controller.design import Design
+from flexbeams.scenarios.results.display import limits, number
+from flexbeams.scenarios.runs.job import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished
 
 
 def console(width: int = 100) -> Console:

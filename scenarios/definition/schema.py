@@ -4,12 +4,13 @@ from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
 from flexbeams.controller.design import DesignOptions
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.galerkin import BasisName
 from flexbeams.plant.validation import TABLE, Finite, Index, NonNegative, Positive, checked, read_toml
-from pydantic import Field
-from pydantic.dataclasses import dataclass
 
 FOLDER = Path(__file__).parents[1] / "library"
 

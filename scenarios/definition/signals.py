@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Chirp, Input, PseudoRandom, Pulse, Step, Table, Target

@@ -6,6 +6,7 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from flexbeams.fmus.interface.si import BASE_UNITS
 from flexbeams.fmus.units.signal_source import SourceSignal
 from flexbeams.scenarios.definition.schema import SIGNALS, Chirp, Input, PseudoRandom, Scenario

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+from lxml import etree
+
 from flexbeams.fmus.documents.xml_documents import SSD, SSV
 from flexbeams.plant.errors import InputError
-from lxml import etree
 
 _SCHEMAS = {SSD: "SystemStructureDescription.xsd", SSV: "SystemStructureParameterValues.xsd"}
 

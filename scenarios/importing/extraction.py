@@ -5,10 +5,11 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+from fmpy import read_model_description
+
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.importing.documents import read_document
-from fmpy import read_model_description
 
 
 def unit_description(file: Path, key: str, source: str) -> Any:

@@ -6,11 +6,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+from fmpy import extract, read_model_description
+
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
-from fmpy import extract, read_model_description
 
 FAULTS = (
     Fault(

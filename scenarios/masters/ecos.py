@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, files
 from typing import Any
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times

@@ -4,6 +4,7 @@ import time
 from typing import Any
 
 import numpy as np
+
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 

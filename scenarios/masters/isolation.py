@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from flexbeams.plant.archive import read_arrays
 from flexbeams.scenarios.masters.catalogue import find_master
 from flexbeams.scenarios.masters.tasks import read_task

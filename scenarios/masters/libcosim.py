@@ -4,6 +4,7 @@ import time
 from typing import Any
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.importing.ssp import is_package
 from flexbeams.scenarios.masters.tasks import private_folder

@@ -5,6 +5,7 @@ import time
 from typing import Any
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.importing.ssp import Package
 from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair

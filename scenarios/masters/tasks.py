@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
+from fmpy import read_model_description
+
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.importing.ssp import Package, is_package, open_package
 from flexbeams.scenarios.masters.trace import Fault, Task
-from fmpy import read_model_description
 
 # Of tools that read single units
 NO_SSP = Fault(

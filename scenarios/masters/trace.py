@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.schema import Coupling
 from flexbeams.scenarios.simulation.cosimulation import Recording

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.report.figure_plots import plot_rows

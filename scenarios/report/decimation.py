@@ -1,8 +1,9 @@
 """Fewer rows for a plot: every stretch of a curve keeps its least and its largest value, so no peak is lost."""
 
 import numpy as np
-from flexbeams.plant.basis import Array
 from numpy.typing import NDArray
+
+from flexbeams.plant.basis import Array
 
 
 def kept_rows(values: Array, limit: int) -> NDArray[np.intp]:

@@ -5,11 +5,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib
-from flexbeams.plant.archive import write_whole
-from flexbeams.scenarios.report.plots import Panel, Plot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+
+from flexbeams.plant.archive import write_whole
+from flexbeams.scenarios.report.plots import Panel, Plot
 
 # All in inches: a panel with what is written beside it, its axes alone, the space around all panels. A search for
 # the best layout would take as long as the drawing.

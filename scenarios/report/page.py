@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flexbeams.plant.basis import Array
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+
+from flexbeams.plant.basis import Array
 
 ASSETS = Path(__file__).parent / "assets"
 

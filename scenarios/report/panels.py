@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.decimation import kept_rows
 from flexbeams.scenarios.report.page import float32

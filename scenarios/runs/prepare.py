@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+
 from flexbeams.controller.design import Design
 from flexbeams.fmus.units.shipped import interface_of
 from flexbeams.plant.errors import InputError

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fmpy import read_model_description
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.fmus.packaging.build import ensure_units
 from flexbeams.plant.basis import Array
@@ -27,7 +29,6 @@ from flexbeams.scenarios.simulation.cosimulation import CoSimulation, Recording
 from flexbeams.scenarios.simulation.frames import plan_frames
 from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
 from flexbeams.scenarios.simulation.stepping import NativeStepper, Stepper, Wiring, stepper_library
-from fmpy import read_model_description
 
 _LOADED = ("modelDescription.xml", "binaries/", "resources/")  # what of an FMU a run needs
 

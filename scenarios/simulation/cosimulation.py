@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.schema import Coupling, Scenario

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.simulation.instance import UnitInstance, element_names
 

@@ -9,7 +9,6 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from flexbeams.plant.basis import Array
 from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
@@ -20,6 +19,8 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from numpy.typing import NDArray
+
+from flexbeams.plant.basis import Array
 
 READ_ORDER = ("Real", "Integer", "Boolean")  # of the types that a run reads
 _WARNING = 1

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
+
 from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.schema import Coupling
 from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
-from numpy.typing import NDArray
 
 _NATIVE = Path(__file__).parent / "native"
 

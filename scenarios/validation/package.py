@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from fmpy.validation import validate_fmu
+
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.importing.extraction import unit_description
 from flexbeams.scenarios.importing.ssp import Component, Connector, Package, Parameter, Wire, open_package
-from fmpy.validation import validate_fmu
 
 Value = float | bool | str
 

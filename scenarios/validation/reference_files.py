@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
+
 from flexbeams.fmus.documents.xml_documents import SSV
 from flexbeams.fmus.references.results import EXPERIMENTS_TYPE, FOLDER, MANIFEST, SET_TYPE
 from flexbeams.plant.basis import Array

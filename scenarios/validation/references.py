@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from flexbeams.fmus.references.results import MANIFEST
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError

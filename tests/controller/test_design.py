@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.controller.design import Design, DesignOptions, Weights, compute_design, read_design, write_design
 from flexbeams.plant.archive import npz_bytes, read_arrays
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.plant.validation import checked
-
 from tests.oracles.examples import five_beams, single_beam, three_beams
 
 KIEL = read_structure(find_structure("kiel"))

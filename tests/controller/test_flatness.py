@@ -5,6 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag, expm
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.controller.flatness import (
     AMPLIFICATION,
@@ -22,8 +24,6 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BasisName
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-from scipy.linalg import block_diag, expm
-
 from tests.oracles.examples import beam, five_beams, gauge, patch, point, single_beam, three_beams
 
 KIEL = read_structure(find_structure("kiel"))

@@ -4,12 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.controller.planner import InputShapes, Motion, places, plan_transition
 from flexbeams.controller.transition import derivative_scales
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
-
 from tests.oracles.examples import five_beams
 from tests.oracles.gevrey import taylor_coefficients_at
 

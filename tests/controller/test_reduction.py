@@ -8,6 +8,10 @@ from typing import NamedTuple
 import control
 import numpy as np
 import pytest
+from pymor.core.logger import set_log_levels
+from pymor.models.iosys import LTIModel
+from scipy.linalg import block_diag, cholesky, solve_triangular, svd
+
 from flexbeams.controller.design import DesignOptions, compute_design
 from flexbeams.controller.reduction import ENERGY_MODES, OutputWeight, ReducedModel, reduce
 from flexbeams.plant.basis import Array
@@ -16,10 +20,6 @@ from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BasisName, BeamModel, SecondOrderSystem, beam_model
 from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
-from pymor.core.logger import set_log_levels
-from pymor.models.iosys import LTIModel
-from scipy.linalg import block_diag, cholesky, solve_triangular, svd
-
 from tests.oracles.accuracy import response
 from tests.oracles.examples import beam, five_beams, gauge, patch, point, single_beam, three_beams
 

@@ -5,6 +5,7 @@ from functools import cache
 import control
 import numpy as np
 import pytest
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.controller.kalman import predictor_gain, process_noise, steady_kalman_gain
 from flexbeams.controller.lqr import lqr_gain
@@ -12,7 +13,6 @@ from flexbeams.controller.riccati import require_stable, residual, solve_riccati
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.structure import find_structure, read_structure
-
 from tests.oracles.examples import five_beams, single_beam
 
 STRUCTURES = {"kiel": read_structure(find_structure("kiel")), "single": single_beam(), "five": five_beams()}

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flexbeams.controller.transition import LOWEST_ORDER, NODES, derivative_scales, transition_of_order
 
+from flexbeams.controller.transition import LOWEST_ORDER, NODES, derivative_scales, transition_of_order
 from tests.oracles.gevrey import taylor_coefficients, taylor_coefficients_at
 
 DEGREE = 30

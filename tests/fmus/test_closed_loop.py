@@ -13,6 +13,8 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
+from fmpy.validation import validate_fmu
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
@@ -26,8 +28,6 @@ from flexbeams.scenarios.runs.scenario import prepare, run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.simulation.instance import READ_ORDER, UnitFailure
 from flexbeams.scenarios.validation.package import package_problems
-from fmpy.validation import validate_fmu
-
 from tests.native.workshop import native_folder, needs_zig, workspace
 from tests.units.loaded import Loaded, loaded
 

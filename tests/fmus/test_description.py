@@ -10,11 +10,11 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
+
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.si import BASE_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
-
 from tests.units.lag_interface import lag_interface
 
 

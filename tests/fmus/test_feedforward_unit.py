@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
+
 from flexbeams.controller.planner import Motion
 from flexbeams.scenarios.simulation.instance import UnitFailure
-
 from tests.conftest import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 

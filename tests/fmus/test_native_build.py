@@ -11,15 +11,16 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
+from fmpy.build import build_platform_binary
+from fmpy.validation import validate_fmu
+
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.errors import BuildError
+from flexbeams.fmus.packaging import compilers
 from flexbeams.fmus.packaging.c_tables import panels, tables_source
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
 from flexbeams.fmus.units.shipped import UNITS
-from fmpy.build import build_platform_binary
-from fmpy.validation import validate_fmu
-
 from tests.conftest import STRUCTURES, Workshop, design_of
 from tests.native.workshop import (
     HARNESSES,

@@ -11,11 +11,11 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from flexbeams.fmus.units.shipped import UNITS
-from flexbeams.scenarios.simulation.instance import UnitFailure
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
+from flexbeams.fmus.units.shipped import UNITS
+from flexbeams.scenarios.simulation.instance import UnitFailure
 from tests.conftest import Workshop, design_of
 from tests.native.workshop import NATIVE_UNITS, native_folder, needs_zig
 from tests.units.loaded import loaded

@@ -10,9 +10,9 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+
 from flexbeams.fmus.packaging.native import build_native_units
 from flexbeams.fmus.units.shipped import UNITS
-
 from tests.conftest import design_of
 from tests.native.workshop import (
     HARNESSES,

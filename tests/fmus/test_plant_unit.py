@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexbeams.plant.galerkin import BeamModel, beam_model
-from flexbeams.scenarios.simulation.instance import UnitFailure
 from scipy.linalg import cho_factor, cho_solve, expm
 
+from flexbeams.plant.galerkin import BeamModel, beam_model
+from flexbeams.scenarios.simulation.instance import UnitFailure
 from tests.conftest import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 

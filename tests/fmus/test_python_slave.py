@@ -21,6 +21,9 @@ import fmpy
 import fmpy.validation
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging.python import (
     PythonUnit,
@@ -30,9 +33,6 @@ from flexbeams.fmus.packaging.python import (
     write_sources,
 )
 from flexbeams.fmus.python.slave import UnitError
-from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-
 from tests.units import lag_interface as lag
 from tests.units.lag import Lag
 from tests.units.lag_interface import lag_unit, step_size

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
+
 from flexbeams.fmus.documents.xml_documents import SSV
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.build import build_units, native_unit
@@ -27,7 +28,6 @@ from flexbeams.scenarios.importing.documents import read_document, schema_proble
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import Trial, declared_experiments, read_trial, values_at
 from flexbeams.scenarios.validation.references import deviation, run_trial
-
 from tests.conftest import Workshop, design_of
 from tests.native.workshop import native_folder, needs_zig, workspace
 from tests.oracles.monolithic import feedforward, largest_difference, plant_matrices, plant_run

@@ -7,6 +7,10 @@ from types import SimpleNamespace
 import fmpy
 import numpy as np
 import pytest
+from fmpy.fmi2 import FMU2Slave
+from fmpy.validation import validate_fmu
+from numpy.typing import NDArray
+
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
 from flexbeams.fmus.units.signal_source import SourceSignal, signal_source, source_data
@@ -24,9 +28,6 @@ from flexbeams.scenarios.definition.schema import (
 from flexbeams.scenarios.definition.signals import signal_of
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
-from fmpy.fmi2 import FMU2Slave
-from fmpy.validation import validate_fmu
-from numpy.typing import NDArray
 
 STEP = 2e-4  # s, of the unit
 INPUTS = {

@@ -17,8 +17,9 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
-from flexbeams.scenarios.cli.main import commands, main
 from fmpy.fmi2 import FMU2Slave
+
+from flexbeams.scenarios.cli.main import commands, main
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "fmus/guides"

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexbeams.fmus.units.shipped import UNITS, interface_of
-from flexbeams.scenarios.simulation.instance import UnitFailure
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
+from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.scenarios.simulation.instance import UnitFailure
 from tests.conftest import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 

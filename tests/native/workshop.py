@@ -12,13 +12,13 @@ from pathlib import Path
 
 import fmpy
 import pytest
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.fmus.packaging.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
 from flexbeams.fmus.packaging.design_data import unit_data
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
 from flexbeams.fmus.units.shipped import UNITS, interface_of
 from flexbeams.plant.structure import find_structure, read_structure
-
 from tests.conftest import design_of
 
 HARNESSES = Path(__file__).parent

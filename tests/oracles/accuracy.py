@@ -4,10 +4,10 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
-from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
-from flexbeams.plant.structure import Structure, find_structure, read_structure
 from numpy.typing import NDArray
 
+from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.structure import Structure, find_structure, read_structure
 from tests.oracles.boundary_value import LaplaceSolution, StaticSolution
 
 Matrix = NDArray[np.float64] | NDArray[np.complex128]

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from flexbeams.plant.structure import Patch, Structure
 from numpy.typing import NDArray
 from scipy.linalg import expm
+
+from flexbeams.plant.structure import Patch, Structure
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

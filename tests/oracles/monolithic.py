@@ -16,13 +16,13 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-from flexbeams.controller.design import Design
-from flexbeams.controller.planner import InputShapes, Motion, plan_transition
-from flexbeams.plant.galerkin import BeamModel
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, svd
 from scipy.signal import cont2discrete
 
+from flexbeams.controller.design import Design
+from flexbeams.controller.planner import InputShapes, Motion, plan_transition
+from flexbeams.plant.galerkin import BeamModel
 from tests.oracles.gevrey import taylor_coefficients_at
 
 Real = NDArray[np.float64]

@@ -4,8 +4,8 @@ import cmath
 
 import numpy as np
 import pytest
-from flexbeams.plant.structure import Structure
 
+from flexbeams.plant.structure import Structure
 from tests.oracles.boundary_value import LaplaceSolution, StaticSolution, beam_pieces
 from tests.oracles.examples import five_beams, single_beam, three_beams
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flexbeams.plant.clamped_free import ClampedFreeBasis, clamped_free_roots
 
+from flexbeams.plant.clamped_free import ClampedFreeBasis, clamped_free_roots
 from tests.oracles.high_precision import clamped_free_root, clamped_free_shape
 
 LENGTH = 0.41

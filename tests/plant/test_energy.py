@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import cholesky
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import EnergyForm, discretise, energy_form
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BasisName, SecondOrderSystem, beam_model
 from flexbeams.plant.statespace import state_matrices
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-from scipy.linalg import cholesky
-
 from tests.oracles.accuracy import response
 from tests.oracles.examples import five_beams, single_beam, three_beams
 from tests.oracles.high_precision import exponential

@@ -4,11 +4,11 @@ import re
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.galerkin import STATIONS, BasisName, beam_bases, beam_model
 from flexbeams.plant.segment import SegmentBasis
 from flexbeams.plant.statespace import undamped_frequencies
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-
 from tests.oracles.accuracy import errors, response
 from tests.oracles.boundary_value import StaticSolution
 from tests.oracles.examples import five_beams, single_beam, three_beams

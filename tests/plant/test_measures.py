@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from flexbeams.plant.measures import decay_time, last_time_outside, motion_settling_time, overshoots, settling_time
 from scipy.optimize import brentq
+
+from flexbeams.plant.measures import decay_time, last_time_outside, motion_settling_time, overshoots, settling_time
 
 SAMPLE = 1e-3
 TIME = np.arange(0, 12, SAMPLE)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult, differential_evolution
+
 from flexbeams.controller.design import DesignOptions, compute_design
 from flexbeams.plant import reconstruction
 from flexbeams.plant.basis import Array
@@ -30,8 +32,6 @@ from flexbeams.plant.reconstruction import (
 )
 from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.structure import find_structure, read_structure
-from scipy.optimize import OptimizeResult, differential_evolution
-
 from tests.oracles.examples import five_beams, single_beam, three_beams
 
 # Section 4 of the paper

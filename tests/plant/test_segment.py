@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.galerkin import DEFAULT_ORDER, beam_bases, beam_model
 from flexbeams.plant.segment import SegmentBasis, pieces
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-
 from tests.oracles.accuracy import FREQUENCIES, errors, response
 from tests.oracles.boundary_value import StaticSolution
 from tests.oracles.examples import five_beams, single_beam, three_beams

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
+
 from flexbeams.plant.galerkin import BasisName, beam_model
 from flexbeams.plant.statespace import state_matrices, static_gains, undamped_frequencies
 from flexbeams.plant.structure import find_structure, read_structure
-from scipy.linalg import eigh
-
 from tests.oracles.boundary_value import StaticSolution
 from tests.oracles.examples import three_beams
 

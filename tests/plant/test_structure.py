@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexbeams.plant.errors import InputError
-from flexbeams.plant.structure import SHIPPED, Structure, find_structure, read_structure
 from pydantic import ValidationError
 
+from flexbeams.plant.errors import InputError
+from flexbeams.plant.structure import SHIPPED, Structure, find_structure, read_structure
 from tests.oracles.boundary_value import layer_moment
 from tests.oracles.examples import beam, five_beams, gauge, patch, point, single_beam, three_beams
 

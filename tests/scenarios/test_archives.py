@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.importing.archives import CHUNK, Allowance

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from flexbeams.fmus.packaging.python import build_python_unit
 from flexbeams.scenarios.cli.main import main
-
 from tests.conftest import LOOP_WIRES, Workshop
 from tests.units import lag_interface as lag
 

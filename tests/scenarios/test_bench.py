@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.bench.bare_loops import NumpyLoops
 from flexbeams.scenarios.bench.measure import Bench
 from flexbeams.scenarios.bench.unit_loops import Loop, chain
 from flexbeams.scenarios.cli.main import main
-
 from tests.conftest import design_of
 
 pytest.importorskip("ziglang")

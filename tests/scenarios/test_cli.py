@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.schema import first_comment, scenario_files
 from flexbeams.scenarios.results.files import read_results
-
 from tests.conftest import Workshop, design_of
 
 Write = Callable[[str, str], Path]

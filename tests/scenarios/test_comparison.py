@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.report.comparison import check_table, compare, metric_table, write_comparison

@@ -14,6 +14,8 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
+from fmpy.validation import validate_fmu
+
 from flexbeams.fmus.errors import BuildError
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
@@ -25,8 +27,6 @@ from flexbeams.scenarios.exporting.container import export_container
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
-from fmpy.validation import validate_fmu
-
 from tests.conftest import Export, once_each
 from tests.scenarios.test_ssp_import import ALLOCATOR_NOISE, CYCLES, SCENARIO, resident
 from tests.units.loaded import pushed_in_turn

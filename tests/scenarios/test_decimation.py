@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from flexbeams.scenarios.report.decimation import decimated, kept_rows
 
 

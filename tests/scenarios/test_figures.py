@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import matplotlib
 import numpy as np
 import pytest
+
 from flexbeams.scenarios.definition.schema import Figure, Scenario, find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report.decimation import decimated
@@ -17,7 +18,6 @@ from flexbeams.scenarios.report.figures import draw, write_figures
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
-
 from tests.conftest import STRUCTURES, design_of
 
 pytestmark = pytest.mark.usefixtures("known_designs")

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
+
 from flexbeams.fmus.packaging.python import build_python_units
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
@@ -15,8 +17,6 @@ from flexbeams.scenarios.results import formats
 from flexbeams.scenarios.results.files import read_results, write_results
 from flexbeams.scenarios.results.formats import matlab_names, require_formats, write_mat, write_parquet
 from flexbeams.scenarios.simulation.cosimulation import Recording
-from scipy.io import loadmat
-
 from tests.units.lag_interface import lag_unit
 
 COLUMNS = [

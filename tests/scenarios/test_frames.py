@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+
 from flexbeams.plant.galerkin import STATIONS
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario
 from flexbeams.scenarios.simulation.frames import LIMIT, RATE, frame_interval
-from scipy.interpolate import CubicSpline
 
 
 @pytest.fixture(scope="module")

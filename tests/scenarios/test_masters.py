@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.bench_tables import show_masters
 from flexbeams.scenarios.cli.main import main

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.controller.flatness import transition_series
 from flexbeams.controller.transition import Transition, derivative_scales
@@ -12,7 +13,6 @@ from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import BasisName, BeamModel
 from flexbeams.plant.measures import decay_time, motion_settling_time
 from flexbeams.plant.structure import find_structure, read_structure
-
 from tests.oracles.examples import five_beams, single_beam
 from tests.oracles.monolithic import Coupling, feedforward, largest_difference, plant_matrices, simulate
 

@@ -6,6 +6,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from fmpy import read_model_description
+from lxml import etree
+
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.osp import OSP, export_osp
@@ -13,8 +16,6 @@ from flexbeams.scenarios.masters.isolation import run_master
 from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import deviation
 from flexbeams.scenarios.runs.scenario import run_scenario
-from fmpy import read_model_description
-from lxml import etree
 
 pytest.importorskip("ziglang")
 pytestmark = pytest.mark.usefixtures("known_designs")

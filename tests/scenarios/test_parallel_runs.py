@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.job import DONE, FAILED, INTERRUPTED, Job, execute

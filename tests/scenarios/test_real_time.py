@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.runs.scenario import lateness_figures, run_scenario

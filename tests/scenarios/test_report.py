@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+
 from flexbeams.scenarios.report import panels
 from flexbeams.scenarios.report.report import report_html
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from flexbeams.scenarios.report.comparison import compare, write_comparison
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.schema import find_scenario, read_scenario, scenario_files
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.scenario import Run, run_scenario
-
 from tests.conftest import STRUCTURES, design_of
 
 pytestmark = pytest.mark.usefixtures("known_designs")

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.validation import checked
 from flexbeams.scenarios.definition.schema import Input, Scenario

@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
+from fmpy.ssp.ssd import read_ssd, read_ssv
+
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.cli.main import main
@@ -21,8 +23,6 @@ from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.package import package_problems
-from fmpy.ssp.ssd import read_ssd, read_ssv
-
 from tests.conftest import Export, once_each
 
 STEP = 2e-4

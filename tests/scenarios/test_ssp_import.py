@@ -11,6 +11,7 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
+
 from flexbeams.fmus.packaging.python import build_python_units
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
@@ -22,7 +23,6 @@ from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.package import package_problems
-
 from tests.conftest import LOOP_WIRES
 from tests.units.lag_interface import a, b, gain, lag_unit, x_start
 from tests.units.loaded import pushed_in_turn

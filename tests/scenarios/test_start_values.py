@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results.files import read_results

@@ -8,6 +8,7 @@ of its own, and at initialisation with the label "broken".
 from __future__ import annotations
 
 import numpy as np
+
 from flexbeams.fmus.python.slave import Unit, UnitError
 
 

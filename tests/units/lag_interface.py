@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
 from flexbeams.fmus.packaging.python import PythonUnit
 

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from flexbeams.scenarios.simulation.instance import UnitInstance, element_names
 from fmpy import read_model_description
 from numpy.typing import NDArray
+
+from flexbeams.scenarios.simulation.instance import UnitInstance, element_names
 
 Real = NDArray[np.float64]
 
