@@ -1,6 +1,7 @@
 """Masters in a process of their own: what crashes there, leaks, logs or changes settings stays there.
 
-`python -m scenarios.masters.isolation` is that process: a request as JSON on standard input, traces in a folder.
+`python -m flexbeams.scenarios.masters.isolation` is that process: a request as JSON on standard input, traces in a
+folder.
 """
 
 import gc
@@ -65,7 +66,7 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
         }
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
         done = subprocess.run(
-            python_command("-m", "scenarios.masters.isolation"),
+            python_command("-m", "flexbeams.scenarios.masters.isolation"),
             input=json.dumps(request),
             text=True,
             capture_output=True,

@@ -14,7 +14,7 @@ from flexbeams.scenarios.processes.interrupt import deaf_children
 from flexbeams.scenarios.report.plots import Plot
 
 _DONE = b"."
-_PROGRAM = "from scenarios.figure_process import serve; serve()"
+_PROGRAM = "from flexbeams.scenarios.report.figure_process import serve; serve()"
 
 
 class FigureProcess:

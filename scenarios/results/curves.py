@@ -6,15 +6,30 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.results.metrics import column_indices
+from flexbeams.scenarios.simulation.cosimulation import Recording
 
-SHOWN = {"deflection": ("mm", 1e3), "voltage": ("V", 1.0), "strain": ("µm/m", 1e6), "force": ("N", 1.0),
-         "value": ("", 1.0)}
+SHOWN = {
+    "deflection": ("mm", 1e3),
+    "voltage": ("V", 1.0),
+    "strain": ("µm/m", 1e6),
+    "force": ("N", 1.0),
+    "value": ("", 1.0),
+}
 _ELEMENTS = {"deflection": "point", "voltage": "patch pair", "strain": "gauge", "force": "tip of beam", "value": ""}
-_QUANTITIES = {"u": "voltage", "u_ff": "voltage", "planned_peak": "voltage", "voltage_limit": "voltage",
-               "y_pi": "deflection", "y_ref": "deflection", "y_est": "deflection", "y_target": "deflection",
-               "w": "deflection", "y_pm": "strain", "force": "force"}
+_QUANTITIES = {
+    "u": "voltage",
+    "u_ff": "voltage",
+    "planned_peak": "voltage",
+    "voltage_limit": "voltage",
+    "y_pi": "deflection",
+    "y_ref": "deflection",
+    "y_est": "deflection",
+    "y_target": "deflection",
+    "w": "deflection",
+    "y_pm": "strain",
+    "force": "force",
+}
 
 
 def quantity_of(base: str) -> str:
@@ -27,10 +42,10 @@ class Curve:
     """A signal array of one of the recordings, to be drawn in one row."""
 
     label: str
-    base: str                # the variable's name without owner and index
-    quantity: str            # a key of SHOWN
+    base: str  # the variable's name without owner and index
+    quantity: str  # a key of SHOWN
     recording: Recording
-    places: list[int]        # columns of the recording
+    places: list[int]  # columns of the recording
 
     def element(self, c: int) -> str:
         """What element c is, for a title."""
@@ -45,12 +60,12 @@ class Curve:
 
 def index_of(column: str) -> str:
     """The index in a column's name, empty for a scalar."""
-    return column[column.rindex("[") + 1:-1] if column.endswith("]") else ""
+    return column[column.rindex("[") + 1 : -1] if column.endswith("]") else ""
 
 
 def array_of(column: str) -> str:
     """The array that a column is an element of."""
-    return column[:column.rindex("[")] if column.endswith("]") else column
+    return column[: column.rindex("[")] if column.endswith("]") else column
 
 
 def curve(name: str, recording: Recording, label: str = "") -> Curve:
@@ -63,8 +78,9 @@ def curve(name: str, recording: Recording, label: str = "") -> Curve:
     return Curve(label or name, base, quantity_of(base), recording, places)
 
 
-def figure_curve(name: str, recording: Recording, open_loop: Recording | None, points: list[int] | None,
-                 key: str) -> Curve:
+def figure_curve(
+    name: str, recording: Recording, open_loop: Recording | None, points: list[int] | None, key: str
+) -> Curve:
     """A curve as a scenario's figure names it: open_loop.<signal> is taken from the open loop's run."""
     source, label = recording, name
     if name.startswith("open_loop."):
@@ -76,8 +92,9 @@ def figure_curve(name: str, recording: Recording, open_loop: Recording | None, p
     except InputError as error:
         raise error.at("", f"{key}.rows") from None
     if points:
-        found = Curve(label, found.base, found.quantity, source,
-                      [found.places[p - 1] for p in points if p <= len(found.places)])
+        found = Curve(
+            label, found.base, found.quantity, source, [found.places[p - 1] for p in points if p <= len(found.places)]
+        )
     return found
 
 

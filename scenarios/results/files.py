@@ -11,12 +11,13 @@ import orjson
 
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.results.formats import FORMATS, Format, write_mat, write_parquet
+from flexbeams.scenarios.simulation.cosimulation import Recording
 
 
-def write_results(folder: Path, recording: Recording, summary: dict[str, Any],
-                  formats: Sequence[Format] = ("csv",)) -> None:
+def write_results(
+    folder: Path, recording: Recording, summary: dict[str, Any], formats: Sequence[Format] = ("csv",)
+) -> None:
     """results.<format> for each format, then summary.json; an earlier run's summary and other formats go before.
 
     Where summary.json is missing, the run did not get as far as that.

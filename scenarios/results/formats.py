@@ -29,10 +29,30 @@ from flexbeams.scenarios.simulation.cosimulation import Recording
 Format = Literal["csv", "parquet", "mat"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 
-_LONGEST = 63             # characters of a MATLAB name
+_LONGEST = 63  # characters of a MATLAB name
 _LARGEST = 2**31 - 2**16  # bytes of a variable in a MAT file of version 5
-_KEYWORDS = ("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global",
-             "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while")
+_KEYWORDS = (
+    "break",
+    "case",
+    "catch",
+    "classdef",
+    "continue",
+    "else",
+    "elseif",
+    "end",
+    "for",
+    "function",
+    "global",
+    "if",
+    "otherwise",
+    "parfor",
+    "persistent",
+    "return",
+    "spmd",
+    "switch",
+    "try",
+    "while",
+)
 _RUN = ("scenario", "title", "design_id", "coupling", "backend", "complete", "decimate")
 
 
@@ -47,8 +67,11 @@ def write_parquet(path: Path, recording: Recording, summary: dict[str, Any]) -> 
     import pyarrow
     import pyarrow.parquet
 
-    table = pyarrow.table([recording.time, *recording.values.T], names=["time", *recording.columns],
-                          metadata={"flexbeams": json.dumps(summary)})
+    table = pyarrow.table(
+        [recording.time, *recording.values.T],
+        names=["time", *recording.columns],
+        metadata={"flexbeams": json.dumps(summary)},
+    )
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(table, buffer)
     write_whole(path, buffer.getvalue())
@@ -61,12 +84,24 @@ def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None
     structs, columns = _structs(recording)
     largest = max(array.nbytes for struct in structs.values() for array in struct.values())
     if largest > _LARGEST:
-        raise InputError("", "must have arrays of less than 2 GiB in a MAT file of version 5 (take --decimate, or "
-                         "--format parquet)", f"{largest / 2**30:.1f} GiB", source=str(path))
+        raise InputError(
+            "",
+            "must have arrays of less than 2 GiB in a MAT file of version 5 (take --decimate, or --format parquet)",
+            f"{largest / 2**30:.1f} GiB",
+            source=str(path),
+        )
     buffer = io.BytesIO()
-    savemat(buffer, {"time": recording.time[:, None], **structs, "columns": columns,
-                     "run": {key: summary[key] for key in _RUN if key in summary}},
-            long_field_names=True, do_compression=True)
+    savemat(
+        buffer,
+        {
+            "time": recording.time[:, None],
+            **structs,
+            "columns": columns,
+            "run": {key: summary[key] for key in _RUN if key in summary},
+        },
+        long_field_names=True,
+        do_compression=True,
+    )
     content = b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # instead of the date
     write_whole(path, content)
 
@@ -84,8 +119,9 @@ def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[st
     for owner, variables in grouped.items():
         fields = matlab_names(variables)
         structs[owners[owner]] = {fields[n]: recording.values[:, places] for n, places in variables.items()}
-        columns[owners[owner]] = {fields[n]: np.array([recording.columns[k] for k in places], dtype=object)
-                                  for n, places in variables.items()}
+        columns[owners[owner]] = {
+            fields[n]: np.array([recording.columns[k] for k in places], dtype=object) for n, places in variables.items()
+        }
     return structs, columns
 
 
@@ -95,7 +131,7 @@ def matlab_names(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, s
     for name in names:
         text = re.sub(r"[^A-Za-z0-9_]", "_", name)
         text = (text if text[:1].isalpha() else f"x{text}")[:_LONGEST]
-        candidates = (f"{text[:_LONGEST - 4]}_{k}" for k in count(2))
+        candidates = (f"{text[: _LONGEST - 4]}_{k}" for k in count(2))
         chosen[name] = text if text not in used else next(c for c in candidates if c not in used)
         used.add(chosen[name])
     return chosen

@@ -8,8 +8,8 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.measures import decay_time, motion_settling_time, overshoots, settling_time
-from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.definition.schema import Check, Scenario
+from flexbeams.scenarios.simulation.cosimulation import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +33,14 @@ class Outcome:
     def record(self) -> dict[str, Any]:
         """The entry in summary.json; limit is one number or [least, largest]."""
         limit = self.maximum if self.minimum is None else [self.minimum, self.maximum]
-        return {"name": self.name, "value": self.value, "limit": limit, "unit": self.unit, "paper": self.paper,
-                "passed": self.passed}
+        return {
+            "name": self.name,
+            "value": self.value,
+            "limit": limit,
+            "unit": self.unit,
+            "paper": self.paper,
+            "passed": self.passed,
+        }
 
 
 def column_indices(columns: list[str], name: str) -> list[int]:
@@ -51,8 +57,17 @@ class Measurement:
 
     def outcomes(self) -> list[Outcome]:
         """Every check of the scenario."""
-        return [Outcome(name=check.name, value=self.value(check, f"check[{k}]"), minimum=check.min, maximum=check.max,
-                        unit=check.unit, paper=check.paper) for k, check in enumerate(self._scenario.check, 1)]
+        return [
+            Outcome(
+                name=check.name,
+                value=self.value(check, f"check[{k}]"),
+                minimum=check.min,
+                maximum=check.max,
+                unit=check.unit,
+                paper=check.paper,
+            )
+            for k, check in enumerate(self._scenario.check, 1)
+        ]
 
     def value(self, check: Check, key: str) -> float:
         """The figure of one check, in SI units, seconds or percent."""
@@ -65,15 +80,23 @@ class Measurement:
                 value = float(np.max(np.abs(y[-1] - reference)))
             case "largest_change":
                 if len(y) < 2:
-                    raise InputError(f"{key}.after", "must leave more than one row of the run to look at", check.after,
-                                     source=self._source)
+                    raise InputError(
+                        f"{key}.after",
+                        "must leave more than one row of the run to look at",
+                        check.after,
+                        source=self._source,
+                    )
                 value = float(np.max(np.abs(np.diff(y, axis=0))))
             case "overshoot":
                 value = float(np.max(overshoots(y, reference)))
             case "overshoot_percent":
                 if check.reference not in ("end", "start") and not np.all(reference):
-                    raise InputError(f"{key}.reference", "must not be zero for an overshoot in percent",
-                                     check.reference, source=self._source)
+                    raise InputError(
+                        f"{key}.reference",
+                        "must not be zero for an overshoot in percent",
+                        check.reference,
+                        source=self._source,
+                    )
                 with np.errstate(divide="ignore", invalid="ignore"):
                     value = 100 * float(np.max(overshoots(y, reference) / np.abs(reference)))
             case "settling_time":
@@ -104,8 +127,9 @@ class Measurement:
         places = column_indices(recording.columns, check.of)
         if not places:
             known = dict.fromkeys(c.split("[")[0] for c in recording.columns)
-            raise InputError(f"{key}.of", "is not recorded" + suggestion(check.of, known), check.of,
-                             source=self._source)
+            raise InputError(
+                f"{key}.of", "is not recorded" + suggestion(check.of, known), check.of, source=self._source
+            )
         if check.points:
             if max(check.points) > len(places):
                 raise InputError(f"{key}.points", f"must be from 1 to {len(places)}", check.points, source=self._source)
@@ -119,8 +143,9 @@ class Measurement:
     def _reference(self, check: Check, y: Array, key: str) -> Array:
         if isinstance(check.reference, list):
             if len(check.reference) not in (1, y.shape[1]):
-                raise InputError(f"{key}.reference", f"must have {y.shape[1]} values", check.reference,
-                                 source=self._source)
+                raise InputError(
+                    f"{key}.reference", f"must have {y.shape[1]} values", check.reference, source=self._source
+                )
             return np.broadcast_to(np.asarray(check.reference, dtype=float), y.shape[1:])
         if check.reference == "target":
             return self._target(check, key)
@@ -138,13 +163,14 @@ class Measurement:
         elements = len(column_indices(self._recording.columns, check.of))
         chosen = list(range(1, elements + 1))
         if check.of.endswith("]"):
-            chosen = [int(check.of[check.of.rindex("[") + 1:-1])]
+            chosen = [int(check.of[check.of.rindex("[") + 1 : -1])]
             elements = len(value)
         elif check.points:
             chosen = check.points
         if elements != len(value) or max(chosen) > len(value):
-            raise InputError(f"{key}.of", f"must have the {len(value)} elements of the target", check.of,
-                             source=self._source)
+            raise InputError(
+                f"{key}.of", f"must have the {len(value)} elements of the target", check.of, source=self._source
+            )
         return value[[p - 1 for p in chosen]]
 
 

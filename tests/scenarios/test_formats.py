@@ -207,6 +207,8 @@ def test_a_failed_run_keeps_its_last_row(
 
 
 def test_formats_are_imported_where_they_are_used() -> None:
-    code = "import sys, scenarios.results; print([m for m in ('pyarrow', 'scipy.io') if m in sys.modules])"
+    code = (
+        "import sys, flexbeams.scenarios.results.files; print([m for m in ('pyarrow', 'scipy.io') if m in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

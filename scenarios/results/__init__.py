@@ -1,0 +1,1 @@
+"""Numbers of a finished run: checks, curves, files."""
