@@ -16,10 +16,11 @@ from flexbeams.controller.lqr import lqr_gain
 from flexbeams.controller.reduction import OutputWeight, ReducedModel, reduce
 from flexbeams.controller.transition import LOWEST_ORDER, transition_of_order
 from flexbeams.plant.archive import array_bytes, npz_bytes, read_arrays, write_whole
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise
 from flexbeams.plant.errors import DesignError, InputError
-from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName, BeamModel, SecondOrderSystem, beam_model
+from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName, BeamModel, beam_model
 from flexbeams.plant.statespace import state_matrices, static_gains, undamped_frequencies
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.validation import TABLE, Index, Positive, checked

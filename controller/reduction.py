@@ -6,9 +6,10 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
-from flexbeams.plant.galerkin import BeamModel, SecondOrderSystem
+from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.statespace import static_gains
 
 OutputWeight = Literal["identity", "energy"]

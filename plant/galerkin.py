@@ -12,38 +12,16 @@ from typing import Literal
 
 import numpy as np
 
+from flexbeams.plant.assembly import MatrixName, SecondOrderSystem, Term, assemble
 from flexbeams.plant.basis import Array, Basis
 from flexbeams.plant.clamped_free import ClampedFreeBasis
 from flexbeams.plant.segment import SegmentBasis, pieces
 from flexbeams.plant.structure import Structure
 
 BasisName = Literal["clamped_free", "segment"]
-MatrixName = Literal["M", "D", "K", "L"]
 BASES: tuple[BasisName, ...] = ("clamped_free", "segment")
 DEFAULT_ORDER = {"clamped_free": 10, "segment": 9}  # modes N of a beam; polynomial degree p
 STATIONS = 21  # places along each beam whose deflection is shown
-
-
-@dataclass(frozen=True, kw_only=True)
-class Term:
-    """One parameter's part: parameter x block, added to `matrix` at rows (and columns) from `start` on."""
-
-    parameter: str  # such as beam[1].density
-    matrix: MatrixName
-    start: int  # first generalised coordinate of the block
-    column: int  # patch pair counted from 0 where matrix is L, else 0
-    block: Array  # (m, m), or (m, 1) where matrix is L
-
-
-@dataclass(frozen=True, kw_only=True)
-class SecondOrderSystem:
-    """M, D, K (n, n) symmetric, L (n, n_u) in N/V and F (n, r) in N/N of one parameter set."""
-
-    M: Array
-    D: Array
-    K: Array
-    L: Array
-    F: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,18 +41,7 @@ class BeamModel:
     def assemble(self, parameters: dict[str, float] | None = None) -> SecondOrderSystem:
         """The matrices for the structure's parameters, those given in `parameters` replaced."""
         values = {**self.structure.parameters(), **(parameters or {})}
-        n = self.size
-        matrices = {
-            "M": np.zeros((n, n)),
-            "D": np.zeros((n, n)),
-            "K": np.zeros((n, n)),
-            "L": np.zeros((n, len(self.structure.patch))),
-        }
-        for term in self.terms:
-            rows = slice(term.start, term.start + term.block.shape[0])
-            columns = slice(term.column, term.column + 1) if term.matrix == "L" else rows
-            matrices[term.matrix][rows, columns] += values[term.parameter] * term.block
-        return SecondOrderSystem(**matrices, F=self.tips.T.copy())
+        return assemble(self.terms, values, self.tips, len(self.structure.patch))
 
 
 def beam_bases(structure: Structure, basis: BasisName, order: int) -> list[Basis]:

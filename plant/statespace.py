@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular, svdvals
 
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
-from flexbeams.plant.galerkin import BeamModel, SecondOrderSystem
+from flexbeams.plant.galerkin import BeamModel
 
 
 def state_matrices(system: SecondOrderSystem) -> tuple[Array, Array]:

@@ -1,17 +1,23 @@
-"""The structure file: beams, patch pairs, springs, points of interest and strain gauges."""
+"""The structure file: beams, patch pairs, springs, points of interest and strain gauges.
+
+Bounds and units of the physical parameters are those of `plant.parameters`.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
 from os.path import isfile
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.parameters import PARAMETERS, parameter, parameters_of, within_bounds
 from flexbeams.plant.validation import TABLE, Index, NonNegative, Positive, checked, read_toml
 
 SHIPPED = Path(__file__).parent / "structures"
+PARTS = tuple(dict.fromkeys(entry.part for entry in PARAMETERS))  # with physical parameters
 _ROUNDING = 1e-12  # relative; parts that touch in decimals may overlap by a rounding error
 
 
@@ -22,11 +28,11 @@ class Beam:
     length: Positive  # m
     width: Positive  # m
     thickness: Positive  # m
-    density: Positive  # kg/m^3
-    youngs_modulus: Positive  # Pa
-    tip_mass: NonNegative  # kg
-    viscous_damping: NonNegative  # gamma^v, N s/m^2
-    structural_damping: NonNegative  # gamma^sv, N s
+    density: Annotated[float, within_bounds("beam", "density")]
+    youngs_modulus: Annotated[float, within_bounds("beam", "youngs_modulus")]
+    tip_mass: Annotated[float, within_bounds("beam", "tip_mass")]
+    viscous_damping: Annotated[float, within_bounds("beam", "viscous_damping")]
+    structural_damping: Annotated[float, within_bounds("beam", "structural_damping")]
 
     @property
     def area(self) -> float:
@@ -48,11 +54,11 @@ class Patch:
     length: Positive  # m
     width: Positive  # m
     thickness: Positive  # m
-    density: Positive  # kg/m^3
-    youngs_modulus: Positive  # Pa
-    viscous_damping: NonNegative  # N s/m^2
-    structural_damping: NonNegative  # N s
-    piezo_ratio: Positive  # a11/beta of (9), C/m^2
+    density: Annotated[float, within_bounds("patch", "density")]
+    youngs_modulus: Annotated[float, within_bounds("patch", "youngs_modulus")]
+    viscous_damping: Annotated[float, within_bounds("patch", "viscous_damping")]
+    structural_damping: Annotated[float, within_bounds("patch", "structural_damping")]
+    piezo_ratio: Annotated[float, within_bounds("patch", "piezo_ratio")]
     electrode_distance: Positive  # e_s, m
 
     @property
@@ -83,7 +89,7 @@ class Spring:
     """A spring between the tips of two beams."""
 
     between: tuple[Index, Index]  # beams, counted from 1
-    stiffness: Positive  # N/m
+    stiffness: Annotated[float, within_bounds("spring", "stiffness")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
@@ -190,16 +196,16 @@ class Structure:
         patch[4].piezo_ratio, spring[2].stiffness.
         """
         return {
-            f"{part}[{k}].{name}": float(getattr(item, name))
-            for part, names in PARAMETERS.items()
+            entry.of(k): float(getattr(item, entry.name))
+            for part in PARTS
             for k, item in enumerate(getattr(self, part), 1)
-            for name in names
+            for entry in parameters_of(part)
         }
 
     def with_parameters(self, values: dict[str, float]) -> "Structure":
         """A copy with the named parameters changed; InputError for an unknown name or a bad value."""
         known = self.parameters()
-        parts = {part: list(getattr(self, part)) for part in PARAMETERS}
+        parts = {part: list(getattr(self, part)) for part in PARTS}
         for key, value in values.items():
             if key not in known:
                 raise InputError(key, "is not a parameter" + suggestion(key, known))
@@ -208,15 +214,8 @@ class Structure:
             try:
                 parts[part][int(number) - 1] = replace(parts[part][int(number) - 1], **{name: float(value)})
             except ValueError:
-                raise InputError(key, "must be finite and > 0 (damping and tip mass: >= 0)", value) from None
+                raise InputError(key, parameter(part, name).rule, value) from None
         return replace(self, **parts)
-
-
-PARAMETERS = {
-    "beam": ("density", "youngs_modulus", "tip_mass", "viscous_damping", "structural_damping"),
-    "patch": ("density", "youngs_modulus", "viscous_damping", "structural_damping", "piezo_ratio"),
-    "spring": ("stiffness",),
-}
 
 
 def read_structure(path: Path | str) -> Structure:

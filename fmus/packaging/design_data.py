@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.interface.variables import Interface
-from flexbeams.fmus.units.shipped import physical_parameters
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.plant.parameters import in_unit_order
 
 _FEEDFORWARD = (
     "static_inverse",
@@ -29,10 +29,12 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> tuple[d
 
     BeamPlant: term_<k> (the Gram matrices of BeamModel.terms, listed in `terms` as parameter, matrix, start,
     column), tips (r, n) and outputs (n_pi + n_pm + r * stations, n) for y_pi, y_pm and w; `parameters` maps the
-    physical parameters to value references. The other two: arrays of the design by their names.
+    physical parameters to value references, `may_vanish` lists those that can be 0. The other two: arrays of the
+    design by their names.
     """
     meta: dict[str, Any] = {"sample_time": design.options.sample_time, "design_id": design.design_id}
     if interface.unit_name == "BeamPlant":
+        parameters = dict(in_unit_order(model.structure.parameters()))
         arrays = {f"term_{k}": term.block for k, term in enumerate(model.terms)}
         arrays["tips"] = model.tips
         arrays["outputs"] = np.vstack([model.deflection, model.strain, model.stations.reshape(-1, model.size)])
@@ -41,7 +43,8 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> tuple[d
             "basis": model.basis,
             "order": model.order,
             "terms": [[t.parameter, t.matrix, t.start, t.column] for t in model.terms],
-            "parameters": {n: interface.reference(n) for n in physical_parameters(model.structure)},
+            "parameters": {name: interface.reference(name) for name in parameters},
+            "may_vanish": [name for name, entry in parameters.items() if entry.may_vanish],
         }
         return arrays, meta
     names = _FEEDFORWARD if interface.unit_name == "FlatnessFeedforward" else _CONTROLLER

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.fmus.python.slave import Unit, UnitError
+from flexbeams.plant.assembly import Term, assemble
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.errors import DesignError
 
 _MASK = 2**64 - 1
-_MAY_VANISH = ("tip_mass", "viscous_damping", "structural_damping")
 
 
 def mixed(key: int) -> int:
@@ -44,6 +43,10 @@ class BeamPlant(Unit):
         self._energy, self._deviation = self.view("energy"), self.view("strain_noise_std")
         self._x = self.state_array("x", 2 * int(self.meta["size"]))
         self._q = self._x[: len(self._x) // 2]
+        self._terms = [
+            Term(parameter=name, matrix=matrix, start=start, column=column, block=self.data[f"term_{k}"])
+            for k, (name, matrix, start, column) in enumerate(self.meta["terms"])
+        ]
         self._built: bytes = b""
         self._steps: dict[float, NDArray[np.float64]] = {}
 
@@ -85,24 +88,12 @@ class BeamPlant(Unit):
         parameters = self.physical_parameters()
         if (key := np.array(list(parameters.values())).tobytes()) == self._built:
             return
-        n = int(self.meta["size"])
-        matrices: dict[str, Any] = {
-            "M": np.zeros((n, n)),
-            "D": np.zeros((n, n)),
-            "K": np.zeros((n, n)),
-            "L": np.zeros((n, len(self._u))),
-        }
-        for k, (name, matrix, start, column) in enumerate(self.meta["terms"]):
-            block = self.data[f"term_{k}"]
-            rows = slice(start, start + len(block))
-            matrices[matrix][rows, slice(column, column + 1) if matrix == "L" else rows] += parameters[name] * block
+        system = assemble(self._terms, parameters, self.data["tips"], len(self._u))
         try:
-            self._form = energy_form(
-                matrices["M"], matrices["D"], matrices["K"], np.hstack([matrices["L"], self.data["tips"].T])
-            )
+            self._form = energy_form(system.M, system.D, system.K, np.hstack([system.L, system.F]))
         except DesignError as error:
             raise UnitError(str(error)) from None
-        self._K, self._L = matrices["K"], matrices["L"]
+        self._K, self._L = system.K, system.L
         self._outputs = self.data["outputs"] @ self._form.position
         self._steps.clear()
         self._built = key
@@ -111,6 +102,6 @@ class BeamPlant(Unit):
         """The parameters by name; UnitError for one that is physically impossible."""
         values = {name: float(self.values[k]) for name, k in self.meta["parameters"].items()}
         for name, value in values.items():
-            if value <= 0 and not name.endswith(_MAY_VANISH):
+            if value <= 0 and name not in self.meta["may_vanish"]:
                 raise UnitError(f"{name} must be finite and > 0, got {value!r}")
         return values

@@ -11,8 +11,8 @@ from scipy.linalg import cholesky, solve_triangular, svd
 from flexbeams.controller.design import Design
 from flexbeams.controller.planner import InputShapes, Motion, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
-from flexbeams.plant.galerkin import SecondOrderSystem
 
 
 def held_response(

@@ -5,24 +5,10 @@ from dataclasses import replace
 from flexbeams.controller.design import Design
 from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
 from flexbeams.plant.galerkin import STATIONS, BeamModel
-from flexbeams.plant.structure import Structure
+from flexbeams.plant.parameters import PARAMETERS, in_unit_order
 
 UNITS = ("BeamPlant", "FlatnessFeedforward", "TrackingController")
 STOP_TIME = 6.0  # s, of the default experiment
-
-_PARAMETERS = {
-    "beam[].density": ("kg/m3", "Density of beam {}"),
-    "beam[].youngs_modulus": ("Pa", "Young's modulus of beam {}"),
-    "beam[].tip_mass": ("kg", "Tip mass of beam {}"),
-    "beam[].viscous_damping": ("N.s/m2", "Viscous damping gamma^v of beam {}"),
-    "beam[].structural_damping": ("N.s", "Structural damping gamma^sv of beam {}"),
-    "patch[].density": ("kg/m3", "Density of patch pair {}"),
-    "patch[].youngs_modulus": ("Pa", "Young's modulus of patch pair {}"),
-    "patch[].viscous_damping": ("N.s/m2", "Viscous damping gamma^v of patch pair {}"),
-    "patch[].structural_damping": ("N.s", "Structural damping gamma^sv of patch pair {}"),
-    "patch[].piezo_ratio": ("C/m2", "Piezo ratio a11/beta of (9) of patch pair {}"),
-    "spring[].stiffness": ("N/m", "Stiffness of spring {}"),
-}
 
 
 def interface_of(unit: str, design: Design, model: BeamModel) -> Interface:
@@ -32,16 +18,6 @@ def interface_of(unit: str, design: Design, model: BeamModel) -> Interface:
     if unit == "FlatnessFeedforward":
         return flatness_feedforward(design)
     return tracking_controller(design)
-
-
-def physical_parameters(structure: Structure) -> list[str]:
-    """Names of the physical parameters in the order of the units, all beams' densities first."""
-    values = structure.parameters()
-    names = []
-    for pattern in _PARAMETERS:
-        part, name = pattern.split("[].")
-        names += [n for k in range(1, len(values) + 1) if (n := f"{part}[{k}].{name}") in values]
-    return names
 
 
 def _design_id(design: Design) -> Variable:
@@ -67,24 +43,19 @@ def beam_plant(design: Design, model: BeamModel) -> Interface:
     r, n_u = len(structure.beam), len(structure.patch)
     values = structure.parameters()
     parameters = []
-    for pattern, (unit, text) in _PARAMETERS.items():
-        part, name = pattern.split("[].")
-        starts = [values[f"{part}[{k}].{name}"] for k in range(1, len(getattr(structure, part)) + 1)]
-        parameters += (
-            _each(
-                text,
-                array(
-                    pattern,
-                    len(starts),
-                    causality="parameter",
-                    unit=unit,
-                    start=starts,
-                    minimum=0.0,
-                    nominal=max(starts) or 1.0,
-                ),
-            )
-            if starts
-            else []
+    for entry in PARAMETERS:
+        starts = [values[name] for name, other in in_unit_order(values) if other is entry]
+        parameters += _each(
+            entry.meaning,
+            array(
+                f"{entry.part}[].{entry.name}",
+                len(starts),
+                causality="parameter",
+                unit=entry.unit,
+                start=starts,
+                minimum=0.0,
+                nominal=max(starts, default=0.0) or 1.0,
+            ),
         )
     points, gauges = structure.point_of_interest, structure.strain_gauge
     variables = [

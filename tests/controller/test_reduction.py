@@ -14,10 +14,11 @@ from scipy.linalg import block_diag, cholesky, solve_triangular, svd
 
 from flexbeams.controller.design import DesignOptions, compute_design
 from flexbeams.controller.reduction import ENERGY_MODES, OutputWeight, ReducedModel, reduce
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import energy_form
 from flexbeams.plant.errors import DesignError
-from flexbeams.plant.galerkin import BasisName, BeamModel, SecondOrderSystem, beam_model
+from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
 from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
 from tests.oracles.accuracy import response
