@@ -1,79 +1,52 @@
-"""Designs and units, each made once in a session, and a folder to run scenarios in."""
+"""Fixtures of several test files, and the number of worker processes of a session."""
 
-import tempfile
+import os
+import signal
 from collections.abc import Callable, Iterator
-from functools import cache
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-import fmpy
 import pytest
 
 from flexbeams.controller.design import Design, DesignOptions, compute_design
-from flexbeams.fmus.packaging.build import build_units
-from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
+from tests.helpers import STRUCTURES, Workshop, design_of, session_folder
 
-STRUCTURES = ("single_beam", "kiel", "five_beams")
-# The connections of a closed loop, of instances feedforward, controller and plant
-LOOP_WIRES = """[[connection]]
-from = "feedforward.u_ff"
-to = "controller.u_ff"
-[[connection]]
-from = "feedforward.x_ref"
-to = "controller.x_ref"
-[[connection]]
-from = "controller.u"
-to = "plant.u"
-[[connection]]
-from = "plant.y_pm"
-to = "controller.y_pm"
-"""
-
-Export = Callable[..., Path]
+MOST_WORKERS = 8
 
 
-@cache
-def design_of(structure: str = "kiel", basis: str = "clamped_free") -> Design:
-    """The design of a shipped structure with default options."""
-    return compute_design(read_structure(find_structure(structure)), DesignOptions(basis=basis))  # type: ignore[arg-type]
+def pytest_configure(config: pytest.Config) -> None:
+    session_folder()  # worker processes inherit it
+    if config.getoption("numprocesses", None):
+        for library in ("OPENBLAS", "OMP", "MKL"):  # one thread for each worker
+            os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 
-class Workshop:
-    """FMUs with the Python kernel by unit, structure and basis (of design and plant), built where first asked for."""
-
-    def __init__(self, root: Path) -> None:
-        self._root = root
-
-    def fmu(self, unit: str, structure: str = "kiel", basis: str = "clamped_free") -> Path:
-        """The FMU's file."""
-        folder = self._root / f"{structure}-{basis}"
-        if not folder.exists():
-            design = design_of(structure, basis)
-            build_units(UNITS, design, design.model(), folder, backend="python")
-        return folder / "python" / f"{unit}.fmu"
-
-    def folder(self, unit: str, structure: str = "kiel", basis: str = "clamped_free") -> Path:
-        """The folder that the FMU is extracted to."""
-        file = self.fmu(unit, structure, basis)
-        folder = file.with_suffix("")
-        if not folder.exists():
-            fmpy.extract(str(file), unzipdir=str(folder))
-        return folder
+@pytest.hookimpl(tryfirst=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """`-n auto` means one process where test files are named, so that a single test starts at once; else all cores."""
+    if any(".py" in argument for argument in config.args):
+        return 0
+    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None
+    affinity = getattr(os, "sched_getaffinity", None)
+    return min(MOST_WORKERS, len(affinity(0)) if affinity else os.cpu_count() or 1)
 
 
 @pytest.fixture(scope="session")
-def workshop() -> Iterator[Workshop]:
-    with tempfile.TemporaryDirectory(prefix="flexbeams_units_", ignore_cleanup_errors=True) as folder:
-        yield Workshop(Path(folder))
+def workshop() -> Workshop:
+    return Workshop()
 
 
 @pytest.fixture(scope="session")
-def run_folder() -> Iterator[Path]:
-    """A folder to run the command in; units built there serve the whole session."""
-    with tempfile.TemporaryDirectory(prefix="flexbeams_runs_", ignore_cleanup_errors=True) as folder:
-        yield Path(folder)
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder to run the command in; units built there serve the whole session, where links to folders can be made."""
+    folder, shared = tmp_path_factory.mktemp("runs"), session_folder() / "build"
+    shared.mkdir(exist_ok=True)
+    with suppress(OSError):
+        (folder / "build").symlink_to(shared, target_is_directory=True)
+    return folder
 
 
 @pytest.fixture
@@ -82,25 +55,19 @@ def short(run_folder: Path) -> Callable[..., Settings]:
     return lambda **settings: Settings(frames=False, build_folder=run_folder / "build/fmus", **settings)
 
 
-def once_each(write: Callable[[str, Path, Settings], Path], suffix: str, folders: pytest.TempPathFactory) -> Export:
-    """Exports a scenario, each with the same settings once."""
-    made: dict[str, Path] = {}
-
-    def export(scenario: str, **settings: Any) -> Path:
-        key = f"{scenario} {settings}"
-        if key not in made:
-            out = folders.mktemp("export") / f"{Path(scenario).stem}{suffix}"
-            made[key] = write(scenario, out, Settings(frames=False, **settings))
-        return made[key]
-
-    return export
-
-
 @pytest.fixture
 def at_run_folder(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The present directory is the folder for runs."""
     monkeypatch.chdir(run_folder)
     return run_folder
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """SIGINT raises KeyboardInterrupt here and ends child processes, also where this process was started without."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

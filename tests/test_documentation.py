@@ -1,6 +1,5 @@
 """The examples in the README files run as they are printed."""
 
-import os
 import re
 import shlex
 import shutil
@@ -10,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.helpers import ROOT, python_environment
+
 PAGES = ["README.md", "plant/README.md", "controller/README.md", "fmus/README.md", "scenarios/README.md"]
 
 
@@ -38,11 +38,10 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def flexbeams(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own, as a reader would type it."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, "-m", "flexbeams.scenarios.cli.main", *arguments],
+        [sys.executable, "-m", "flexbeams", *arguments],
         cwd=folder,
-        env=environment,
+        env=python_environment(),
         capture_output=True,
         text=True,
         timeout=600,
@@ -63,9 +62,13 @@ def test_python_example_runs(place: str, text: str, workshop: Path) -> None:
     """In the folder where the commands have left their files."""
     if "libcosim" in text:
         pytest.importorskip("libcosimpy")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-c", text], cwd=workshop, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", text],
+        cwd=workshop,
+        env=python_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, f"{place}: {done.stderr}"
 

@@ -7,7 +7,7 @@ import pytest
 
 from flexbeams.controller.planner import Motion
 from flexbeams.scenarios.simulation.instance import UnitFailure
-from tests.conftest import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 SAMPLE = 2e-4

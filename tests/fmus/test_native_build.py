@@ -21,7 +21,7 @@ from flexbeams.fmus.packaging.c_tables import panels, tables_source
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
 from flexbeams.fmus.units.shipped import UNITS
-from tests.conftest import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.native.workshop import (
     HARNESSES,
     NATIVE_UNITS,

@@ -13,7 +13,7 @@ import pytest
 
 from flexbeams.fmus.packaging.native import build_native_units
 from flexbeams.fmus.units.shipped import UNITS
-from tests.conftest import design_of
+from tests.helpers import design_of
 from tests.native.workshop import (
     HARNESSES,
     NATIVE_UNITS,

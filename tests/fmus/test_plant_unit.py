@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve, expm
 
 from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.scenarios.simulation.instance import UnitFailure
-from tests.conftest import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 SAMPLE = 2e-4

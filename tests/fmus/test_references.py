@@ -28,7 +28,7 @@ from flexbeams.scenarios.importing.documents import read_document, schema_proble
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import Trial, declared_experiments, read_trial, values_at
 from flexbeams.scenarios.validation.references import deviation, run_trial
-from tests.conftest import Workshop, design_of
+from tests.helpers import Workshop, design_of
 from tests.native.workshop import native_folder, needs_zig, workspace
 from tests.oracles.monolithic import feedforward, largest_difference, plant_matrices, plant_run
 

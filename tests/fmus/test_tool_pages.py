@@ -1,6 +1,5 @@
 """The pages about other tools: sections, commands, snippets and the figures that they give."""
 
-import os
 import re
 import shlex
 import subprocess
@@ -20,8 +19,8 @@ import pytest
 from fmpy.fmi2 import FMU2Slave
 
 from flexbeams.scenarios.cli.main import commands, main
+from tests.helpers import ROOT, python_environment
 
-ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "fmus/guides"
 TOOLS = ("dspace", "dymola", "ecos", "fmikit", "fmpy", "libcosim", "openmodelica", "simulink", "speedgoat")
 SECTIONS = ["What to import", "How", "Step and solver", "What to expect", "Known limits"]
@@ -135,7 +134,7 @@ def test_the_snippet_of_a_page_prints_what_the_page_says(tool: str, make: Make, 
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "TMPDIR": str(folder)},
+        env=python_environment(TMPDIR=str(folder)),
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout == expected

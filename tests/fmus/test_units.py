@@ -13,7 +13,7 @@ from fmpy.validation import validate_fmu
 
 from flexbeams.fmus.units.shipped import UNITS, interface_of
 from flexbeams.scenarios.simulation.instance import UnitFailure
-from tests.conftest import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 BASES = ("clamped_free", "segment")

@@ -1,16 +1,14 @@
 """Native units for the tests, built where first asked for, and their sources compiled again with a harness."""
 
-import atexit
+import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-import fmpy
 import pytest
 
 from flexbeams.controller.design import Design, DesignOptions, compute_design
@@ -19,7 +17,7 @@ from flexbeams.fmus.packaging.design_data import unit_data
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
 from flexbeams.fmus.units.shipped import UNITS, interface_of
 from flexbeams.plant.structure import find_structure, read_structure
-from tests.conftest import design_of
+from tests.helpers import design_of, extracted_once, made_once, session_folder
 
 HARNESSES = Path(__file__).parent
 NATIVE_UNITS = (*UNITS, UNIT)
@@ -36,9 +34,9 @@ def needs(*tools: str) -> pytest.MarkDecorator:
 
 @cache
 def workspace() -> Path:
-    """A folder of this session."""
-    folder = Path(tempfile.mkdtemp(prefix="flexbeams_native_"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    """A folder of this process within that of the session."""
+    folder = session_folder() / f"native-{os.getpid()}"
+    folder.mkdir()
     return folder
 
 
@@ -86,20 +84,18 @@ def _part(name: str, unit: str, design: Design) -> Part:
 @cache
 def native_fmus(structure: str = "kiel", basis: str = "clamped_free") -> Path:
     """The folder with the FMUs."""
-    folder = workspace() / f"{structure}-{basis}"
-    design = design_of(structure, basis)
-    build_native_units([native_unit(unit, design, folder / f"{unit}.fmu") for unit in NATIVE_UNITS])
-    return folder
+
+    def make(folder: Path) -> None:
+        design = design_of(structure, basis)
+        build_native_units([native_unit(unit, design, folder / f"{unit}.fmu") for unit in NATIVE_UNITS])
+
+    return made_once(f"native/{structure}-{basis}", make)
 
 
 @cache
 def native_folder(unit: str, structure: str = "kiel", basis: str = "clamped_free") -> Path:
     """The folder that the FMU is extracted to."""
-    file = native_fmus(structure, basis) / f"{unit}.fmu"
-    folder = file.with_suffix("")
-    if not folder.exists():  # written again, a library that is loaded would lose its pages
-        fmpy.extract(str(file), unzipdir=str(folder))
-    return folder
+    return extracted_once(native_fmus(structure, basis) / f"{unit}.fmu")
 
 
 @cache

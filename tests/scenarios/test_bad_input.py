@@ -9,7 +9,7 @@ import pytest
 
 from flexbeams.fmus.packaging.python import build_python_unit
 from flexbeams.scenarios.cli.main import main
-from tests.conftest import LOOP_WIRES, Workshop
+from tests.helpers import LOOP_WIRES, Workshop
 from tests.units import lag_interface as lag
 
 pytestmark = pytest.mark.usefixtures("known_designs")

@@ -13,7 +13,7 @@ from flexbeams.scenarios.bench.bare_loops import NumpyLoops
 from flexbeams.scenarios.bench.measure import Bench
 from flexbeams.scenarios.bench.unit_loops import Loop, chain
 from flexbeams.scenarios.cli.main import main
-from tests.conftest import design_of
+from tests.helpers import design_of
 
 pytest.importorskip("ziglang")
 STEPS = 6_000  # past the start of the transition at 1 s

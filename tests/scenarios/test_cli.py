@@ -5,8 +5,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 import zipfile
 from collections.abc import Callable
@@ -19,7 +17,7 @@ from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.schema import first_comment, scenario_files
 from flexbeams.scenarios.results.files import read_results
-from tests.conftest import Workshop, design_of
+from tests.helpers import Workshop, command, design_of
 
 Write = Callable[[str, str], Path]
 VERBS = ("design", "build", "run", "list", "validate")
@@ -31,20 +29,6 @@ def output(capsys: pytest.CaptureFixture[str], *arguments: object, status: int =
     shown = capsys.readouterr()
     assert shown.err == ""
     return shown.out
-
-
-def command(*arguments: object, cwd: Path, **options: object) -> "subprocess.Popen[str]":
-    """The command in a process of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    return subprocess.Popen(
-        [sys.executable, "-m", "flexbeams.scenarios.cli.main", *map(str, arguments)],
-        cwd=cwd,
-        env=environment,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        **options,
-    )  # type: ignore[call-overload, no-any-return]
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["-h"], *([verb, "--help"] for verb in VERBS)])
@@ -274,6 +258,7 @@ def test_terminal_that_knows_ascii_only(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_between_python_units(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     """It may come while a unit computes, in the same interpreter: the run ends with 130 and what it has."""
     path = write_scenario(

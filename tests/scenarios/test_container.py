@@ -27,8 +27,7 @@ from flexbeams.scenarios.exporting.container import export_container
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
-from tests.conftest import Export, once_each
-from tests.scenarios.test_ssp_import import ALLOCATOR_NOISE, CYCLES, SCENARIO, resident
+from tests.helpers import ALLOCATOR_NOISE, CYCLES, PUSHED_SCENARIO, Export, exported_once, resident
 from tests.units.loaded import pushed_in_turn
 
 STEP = 2e-4
@@ -40,8 +39,8 @@ Host = Callable[[Path], UnitInstance]
 
 
 @pytest.fixture(scope="module")
-def export(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    return once_each(export_container, ".fmu", tmp_path_factory)
+def export() -> Export:
+    return exported_once(export_container, ".fmu")
 
 
 @pytest.fixture
@@ -76,7 +75,7 @@ def reference(run_folder: Path) -> Callable[[str, Any], Recording]:
 def pushed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small scenario with a target and a push on one beam, 0.1 s."""
     path = tmp_path_factory.mktemp("scenario") / "pushed.toml"
-    path.write_text(SCENARIO.format(stop=0.1))
+    path.write_text(PUSHED_SCENARIO.format(stop=0.1))
     return path
 
 

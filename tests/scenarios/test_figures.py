@@ -18,7 +18,7 @@ from flexbeams.scenarios.report.figures import draw, write_figures
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
-from tests.conftest import STRUCTURES, design_of
+from tests.helpers import STRUCTURES, design_of
 
 pytestmark = pytest.mark.usefixtures("known_designs")
 

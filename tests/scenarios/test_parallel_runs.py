@@ -19,6 +19,7 @@ from flexbeams.scenarios.runs.job import DONE, FAILED, INTERRUPTED, Job, execute
 from flexbeams.scenarios.runs.parallel import prepare_all, run_parallel
 from flexbeams.scenarios.runs.progress import Display
 from flexbeams.scenarios.runs.scenario import Settings
+from tests.helpers import python_environment
 
 Write = Callable[[str, str], Path]
 
@@ -137,6 +138,7 @@ class Impatient(Display):
             signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_ends_all_and_marks_what_was_recorded(
     at_run_folder: Path, tmp_path: Path, write_scenario: Write
 ) -> None:
@@ -159,6 +161,7 @@ def test_ctrl_c_ends_all_and_marks_what_was_recorded(
     assert finished[-1].message == "not run"
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_twice_ends_the_processes(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     jobs = [job(write_scenario(f"long{k}", LONG), tmp_path) for k in range(2)]
     display = Impatient([j.name for j in jobs])
@@ -179,6 +182,7 @@ def test_a_lost_process_is_reported(at_run_folder: Path, tmp_path: Path, write_s
     assert finished[0].message == "its process, or one beside it, was ended from outside"
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.skipif(os.name == "nt", reason="process groups as a terminal has them")
 @pytest.mark.parametrize("count", [1, 2])
 def test_ctrl_c_at_a_terminal(at_run_folder: Path, tmp_path: Path, write_scenario: Write, count: int) -> None:
@@ -206,9 +210,13 @@ def test_ctrl_c_at_a_terminal(at_run_folder: Path, tmp_path: Path, write_scenari
         "--decimate",
         str(EVERY),
     ]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=python_environment(),
     )
     assert process.stderr is not None
     lines = []

@@ -15,7 +15,7 @@ from flexbeams.scenarios.definition.schema import find_scenario, read_scenario, 
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.scenario import Run, run_scenario
-from tests.conftest import STRUCTURES, design_of
+from tests.helpers import STRUCTURES, design_of
 
 pytestmark = pytest.mark.usefixtures("known_designs")
 

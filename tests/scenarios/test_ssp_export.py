@@ -23,7 +23,7 @@ from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.package import package_problems
-from tests.conftest import Export, once_each
+from tests.helpers import Export, exported_once
 
 STEP = 2e-4
 STOPS = {"tracking": 1.2, "disturbance": 1.1, "retarget": 1.7}  # s: into the motions
@@ -36,8 +36,8 @@ NS = {
 
 
 @pytest.fixture(scope="module")
-def export(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    return once_each(export_ssp, ".ssp", tmp_path_factory)
+def export() -> Export:
+    return exported_once(export_ssp, ".ssp")
 
 
 def deviation(one: Recording, other: Recording) -> float:

@@ -1,7 +1,6 @@
 """Packages of others: what the runner takes, what it refuses in one line, and that it leaves nothing behind."""
 
 import io
-import os
 import re
 import sys
 import zipfile
@@ -17,40 +16,16 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.ssp import export_ssp
-from flexbeams.scenarios.masters.isolation import resident_bytes
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.package import package_problems
-from tests.conftest import LOOP_WIRES
+from tests.helpers import ALLOCATOR_NOISE, CYCLES, PUSHED_SCENARIO, resident
 from tests.units.lag_interface import a, b, gain, lag_unit, x_start
 from tests.units.loaded import pushed_in_turn
 
 STEP = 2e-4
-CYCLES = int(os.environ.get("FLEXBEAMS_CYCLES", "15"))  # 50 for the full measurement: 200 of loading and unloading
-
-SCENARIO = (
-    """title = "one beam, pushed"
-structure = "single_beam"
-stop_time = {stop}
-[instance.feedforward]
-unit = "FlatnessFeedforward"
-start.preview = 2e-4
-[instance.controller]
-unit = "TrackingController"
-[instance.plant]
-unit = "BeamPlant"
-"""
-    + LOOP_WIRES
-    + """[[input]]
-to = "plant.force"
-pulse = {{ time = 0.02, duration = 5e-3, impulse = 0.01 }}
-[[input]]
-to = "feedforward.y_target"
-targets = [{{ time = 0.01, value = [1e-3] }}]
-"""
-)
 
 
 class Shop:
@@ -59,7 +34,7 @@ class Shop:
     def __init__(self, folder: Path, build_folder: Path) -> None:
         self.folder, self.settings = folder, Settings(frames=False, build_folder=build_folder)
         self.scenario = folder / "pushed.toml"
-        self.scenario.write_text(SCENARIO.format(stop=0.1))
+        self.scenario.write_text(PUSHED_SCENARIO.format(stop=0.1))
         self.package = export_ssp(str(self.scenario), folder / "pushed.ssp", self.settings)
         with zipfile.ZipFile(self.package) as archive:
             self.entries = {n: archive.read(n) for n in archive.namelist()}
@@ -448,7 +423,7 @@ def test_units_of_others_run(tmp_path: Path, shop: Shop, capsys: pytest.CaptureF
 
 def test_packages_run_one_after_another_and_again(shop: Shop, tmp_path: Path) -> None:
     other = tmp_path / "other.toml"
-    other.write_text(SCENARIO.format(stop=0.06).replace("impulse = 0.01", "impulse = 0.03"))
+    other.write_text(PUSHED_SCENARIO.format(stop=0.06).replace("impulse = 0.01", "impulse = 0.03"))
     second = export_ssp(str(other), tmp_path / "other.ssp", shop.settings)
     runs = [run_package(path, shop.settings).recording for path in (shop.package, second, shop.package, second)]
     for one, again in zip(runs[:2], runs[2:], strict=True):
@@ -491,16 +466,6 @@ def test_units_of_two_packages_live_side_by_side(shop: Shop, tmp_path: Path) -> 
     together = walk([loaded(folder, f"plant{k}") for k, folder in enumerate(folders)])
     assert together == [*alone, alone[0]]
     assert alone[0] != alone[1]
-
-
-ALLOCATOR_NOISE = 4_000_000  # bytes; units that stay loaded or allocated would take several times as much
-
-
-def resident() -> int:
-    """Bytes of memory in use, on Linux."""
-    found = resident_bytes()
-    assert found is not None
-    return found
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
