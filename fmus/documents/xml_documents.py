@@ -17,11 +17,11 @@ def xml_bytes(root: ElementTree.Element) -> bytes:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'.encode()
 
 
-def parameter_set(name: str, entries: Iterable[Entry]) -> bytes:
-    """A parameter set (SSV) of SSP 1.0."""
+def parameter_set(name: str, entries: Iterable[Entry], version: str = "1.0") -> bytes:
+    """A parameter set (SSV) of SSP 1.0 or 2.0, which differ in the attribute alone."""
     root = ElementTree.Element(
         "ssv:ParameterSet",
-        {"xmlns:ssv": SSV, "xmlns:ssc": SSC, "version": "1.0", "name": name, "generationTool": "flexbeams"},
+        {"xmlns:ssv": SSV, "xmlns:ssc": SSC, "version": version, "name": name, "generationTool": "flexbeams"},
     )
     table, used = ElementTree.SubElement(root, "ssv:Parameters"), set()
     for parameter_name, kind, value, unit in entries:

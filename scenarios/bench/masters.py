@@ -1,4 +1,4 @@
-"""The exported scenario under this project's runner and under masters of others: time, and how far they agree."""
+"""The exported scenario under this project's runner and under third-party masters: times and deviations."""
 
 import sys
 import tempfile
@@ -20,7 +20,7 @@ from flexbeams.scenarios.simulation.cosimulation import Recording
 
 SCENARIO, STEP = "tracking", 2e-4
 ROUNDS = 3
-PATIENCE = 2.0  # s; masters that take longer run once
+REPEATED_BELOW = 2.0  # s; masters that take longer run once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,19 +33,17 @@ class Times:
 
 
 def measure_masters(
-    steps: int, compiler: str, report: Callable[[str], None], progress: Callable[[int, int], None]
+    steps: int, compiler: str, notify: Callable[[str], None], progress: Callable[[int, int], None]
 ) -> dict[str, Any]:
-    """Times of each master and how far it is from the runner's result, in JSON's types.
+    """Times of each master and its deviation from the runner's result, in JSON's types.
 
-    Each runs in a process of its own on one core, the runner before each of them.
+    Each runs in a process of its own on one core, the runner before each of them. Keys: `scenario`, `steps`, `step_s`,
+    `platform`, `signals` (recorded at every step), `masters` (rows of figures), `missing` (not installed or failed).
     """
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        file = export_ssp(
-            SCENARIO,
-            Path(folder) / f"{SCENARIO}.ssp",
-            Settings(frames=False, stop_time=steps * STEP, compiler=compiler),
-            report=report,
-        )
+        file = Path(folder) / f"{SCENARIO}.ssp"
+        settings = Settings(frames=False, stop_time=steps * STEP, compiler=compiler)
+        export_ssp(SCENARIO, file, settings, notify=notify)
 
         @cache
         def reference(coupling: Coupling) -> Recording:
@@ -54,42 +52,53 @@ def measure_masters(
         outputs = read_task(file).signals
         recorded = [c for c in reference("jacobi").columns if c in outputs]
         tasks = tuple(replace(read_task(file, signals=signals), compiler=compiler) for signals in (recorded, ()))
-        found: list[tuple[Master, Times, float]] = []
-        runner: list[Times] = []
-        for done, master in enumerate(MASTERS.values()):
-            progress(done, len(MASTERS))
-            runner.append(_measured(RUNNER, tasks)[0])
-            if installed_version(master) is None:
-                continue
-            try:
-                times, trace = _measured(master, tasks)
-            except MasterError as error:
-                report(str(error))
-                continue
-            found.append((master, times, deviation(trace, reference(master.coupling))))
-    own = Times(
-        recorded=min(t.recorded for t in runner),
-        silent=min(t.silent for t in runner),
-        loading=min(t.loading or 0.0 for t in runner),
-    )
-    rows = [_row(RUNNER, own, own, None), *(_row(master, times, own, error) for master, times, error in found)]
-    here = {row["name"] for row in rows}
+        rows = _measure_all(tasks, reference, notify, progress)
+    names = {row["name"] for row in rows}
     return {
         "scenario": SCENARIO,
         "steps": steps,
         "step_s": STEP,
         "platform": sys.platform,
-        "signals": len(tasks[0].signals),
+        "signals": len(recorded),
         "masters": rows,
-        "missing": [n for n in MASTERS if n not in here],
+        "missing": [n for n in MASTERS if n not in names],
     }
 
 
-def _measured(master: Master, tasks: Sequence[Task]) -> tuple[Times, Trace]:
-    """Least times of as many runs as patience allows, and a trace with the signals."""
+def _measure_all(
+    tasks: Sequence[Task],
+    reference: Callable[[Coupling], Recording],
+    notify: Callable[[str], None],
+    progress: Callable[[int, int], None],
+) -> list[dict[str, Any]]:
+    """A row for the runner and for each master that is installed and does not fail."""
+    results: list[tuple[Master, Times, float]] = []
+    runner_times: list[Times] = []
+    for done, master in enumerate(MASTERS.values()):
+        progress(done, len(MASTERS))
+        runner_times.append(_measure(RUNNER, tasks)[0])
+        if installed_version(master) is None:
+            continue
+        try:
+            times, trace = _measure(master, tasks)
+        except MasterError as error:
+            notify(str(error))
+            continue
+        results.append((master, times, deviation(trace, reference(master.coupling))))
+    runner = Times(
+        recorded=min(t.recorded for t in runner_times),
+        silent=min(t.silent for t in runner_times),
+        loading=min(t.loading or 0.0 for t in runner_times),
+    )
+    rows = [_row(master, times, runner, error) for master, times, error in results]
+    return [_row(RUNNER, runner, runner, None), *rows]
+
+
+def _measure(master: Master, tasks: Sequence[Task]) -> tuple[Times, Trace]:
+    """Least times over the runs, and a trace with the signals."""
     once = run_cycles(master.name, tasks)
     stepping = list(once.stepping)
-    if sum(stepping[0]) < PATIENCE:
+    if sum(stepping[0]) < REPEATED_BELOW:
         stepping += run_cycles(master.name, tasks, ROUNDS).stepping
     recorded, silent = (min(times) for times in zip(*stepping, strict=True))
     return Times(recorded=recorded, silent=silent, loading=once.traces[1].loading), once.traces[0]

@@ -1,44 +1,47 @@
-"""Native units on their own or in a loop, stepped in C with or without the runner, to be measured."""
+"""Native units alone or in a loop, stepped in C with or without the runner."""
 
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from fmpy import read_model_description
 
 from flexbeams.plant.basis import Array
-from flexbeams.plant.structure import Spring, Structure
 from flexbeams.scenarios.definition.signals import Signal
 from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation, Plan
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.stepping import NativeStepper
 
+Starts = Mapping[str, float | bool]  # start values of a unit by variable
+
 
 class Loop:
-    """Native units wired by a plan, with the loop in C: stepped bare of the runner, or by it."""
+    """Native units wired by a plan and stepped in C, by the loop alone or by the runner.
+
+    `folder` takes the extracted units, `library` is the stepper's.
+    """
 
     def __init__(
         self,
         folder: Path,
         files: Mapping[str, Path],
         plan: Plan,
+        starts: Mapping[str, Starts],
         library: Path,
         step: float,
-        starts: Mapping[str, Mapping[str, float | bool]],
     ) -> None:
         self._starts, self._step = starts, step
         self.plan = plan
         self.instances: dict[str, UnitInstance] = {}
         for name, file in files.items():
-            place = folder / file.stem
-            if not place.exists():
-                Allowance().extract(file, place)
+            extracted = folder / file.stem
+            if not extracted.exists():
+                Allowance().extract(file, extracted)
             self.instances[name] = UnitInstance(
-                name, place, read_model_description(str(place), validate=False), lambda text: None
+                name, extracted, read_model_description(str(extracted), validate=False), lambda text: None
             )
         self._simulation = CoSimulation(
             self.instances, plan, step, "jacobi", lambda connected, wiring: NativeStepper(connected, wiring, library)
@@ -51,7 +54,7 @@ class Loop:
         return self._simulation.stepper
 
     def start(self, **values: float) -> None:
-        """Back to the start, with further start values for all instances that have them."""
+        """Resets and initialises all units; further start values go to the instances that have them."""
         for name, instance in self.instances.items():
             instance.call("reset")
             for variable, value in {**self._starts.get(name, {}), **values}.items():
@@ -92,14 +95,14 @@ class Loop:
 
 
 def replay(rows: Array, step: float) -> Signal:
-    """A signal that gives row k at k * step, the last one for ever."""
+    """A signal with row k at k * step that keeps the last row."""
     return Signal(
         width=rows.shape[1], sample=lambda time: rows[np.minimum(np.rint(time / step).astype(int), len(rows) - 1)]
     )
 
 
 def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step: float, recorded: bool) -> Plan:
-    """A unit on its own, its inputs `arrays` driven by rows (steps, all their elements), every output read."""
+    """A unit alone, its inputs `arrays` driven by rows (steps, all their elements), every output read."""
     if not (folder / file.stem).exists():
         Allowance().extract(file, folder / file.stem)
     variables = read_model_description(str(folder / file.stem), validate=False).modelVariables
@@ -125,8 +128,8 @@ def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step
     )
 
 
-def silent(plan: Plan) -> Plan:
-    """The plan with nothing recorded, and of each unit's outputs none read behind the last one that is connected."""
+def without_recording(plan: Plan) -> Plan:
+    """The plan with nothing recorded, and each unit's outputs read up to the last one that is connected."""
     used = {place for inputs in plan.inputs.values() for _, place in inputs}
     reads = {}
     for name, outputs in plan.reads.items():
@@ -134,22 +137,3 @@ def silent(plan: Plan) -> Plan:
         reads[name] = outputs[: 1 + max((k for k in range(len(outputs)) if first + k in used), default=-1)]
     spans = {name: slice(span.start, span.start + len(reads[name])) for name, span in plan.spans.items()}
     return replace(plan, columns=[], recorded=[], reads=reads, spans=spans)
-
-
-def chain(structure: Structure, beams: int) -> Structure:
-    """That many beams in a row, each with what the one of a structure of three has, springs between neighbours."""
-    count = len(structure.beam)
-
-    def copied(parts: Sequence[Any]) -> list[Any]:
-        return [replace(part, beam=k + 1) for k in range(beams) for part in parts if part.beam == k % count + 1]
-
-    return Structure(
-        beam=[structure.beam[k % count] for k in range(beams)],
-        patch=copied(structure.patch),
-        spring=[
-            Spring(between=(k + 1, k + 2), stiffness=structure.spring[k % len(structure.spring)].stiffness)
-            for k in range(beams - 1)
-        ],
-        point_of_interest=copied(structure.point_of_interest),
-        strain_gauge=copied(structure.strain_gauge),
-    )

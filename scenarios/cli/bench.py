@@ -43,11 +43,12 @@ def bench(steps: int, masters: bool, as_json: bool, compiler: str) -> int:
 
             figures: dict[str, Any] = measure_masters(steps, compiler, display.note, progress)
         else:
-            from flexbeams.scenarios.bench.measure import Bench
+            from flexbeams.scenarios.bench.measure import measure
+            from flexbeams.scenarios.bench.workbench import Workbench
             from flexbeams.scenarios.cli.bench_tables import show_bench as show
 
-            with Bench(steps, compiler=compiler, report=display.note, progress=progress) as measuring:
-                figures = measuring.measure()
+            with Workbench(steps, compiler=compiler, notify=display.note) as workbench:
+                figures = measure(workbench, progress=progress)
     if as_json:
         click.echo(json.dumps(figures, indent=2))
     else:

@@ -1,4 +1,4 @@
-"""A scenario as packages of every format hold it: units built with their start values, their wiring, their signals."""
+"""The content of a package in any format: units built with their start values, their links, their signals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,23 +13,24 @@ from flexbeams.fmus.units.signal_source import signal_source, source_data
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Coupling, Scenario, find_scenario, first_comment
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.exporting.links import Link
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.importing.extraction import unit_description
 from flexbeams.scenarios.runs.prepare import Draft, draft_run
 from flexbeams.scenarios.runs.scenario import prepare
 
-SOURCE = "source"  # name of the unit that gives the external signals, with _ behind it where an instance has it
+SOURCE = "source"  # component of the external signals, followed by _ where an instance has that name
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bundle:
-    """Units by component, in the order in which they step, and how they are wired."""
+class ExportBundle:
+    """Units by component, in the order in which they step, and the links between them."""
 
     name: str
-    about: str
+    description: str
     units: dict[str, Any]  # FMPy's descriptions
     files: dict[str, Path]  # their FMUs
-    connections: list[tuple[str, str, str, str]]  # component, output, component, input
+    links: list[Link]
     stop_time: float  # s
     step: float  # s
     coupling: Coupling
@@ -40,11 +41,12 @@ def build_bundle(
     folder: Path,
     settings: Settings,
     platforms: Sequence[str] = ("host",),
-    report: Callable[[str], None] = lambda text: None,
-) -> Bundle:
-    """Builds a scenario's units into `folder`; errors as of a run, and BuildError where units cannot be compiled.
+    notify: Callable[[str], None] = lambda text: None,
+) -> ExportBundle:
+    """Builds a scenario's units into `folder`.
 
-    Start values are built in: they are the units' own, whether a tool reads parameter sets or not.
+    Start values are built into the units, so that they hold in tools that ignore parameter sets. Raises the same errors
+    as `run_scenario`, and BuildError where units cannot be compiled.
     """
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
@@ -53,7 +55,7 @@ def build_bundle(
     for instance, declared in scenario.instance.items():
         files[instance] = folder / f"{_file_name(scenario, instance)}.fmu"
         if declared.unit is None:
-            files[instance].write_bytes(_given(path, instance, str(declared.fmu), draft).read_bytes())
+            files[instance].write_bytes(_provided_fmu(path, instance, str(declared.fmu), draft).read_bytes())
             continue
         units.append(
             native_unit(declared.unit, design, draft.models[instance], files[instance], draft.starts[instance])
@@ -62,14 +64,14 @@ def build_bundle(
     if driven:
         units.append(source)
         files[_source_name(scenario)] = source.out
-    report(f"building {', '.join(unit.interface.unit_name for unit in units)}")
+    notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
     build_native_units(units, platforms, settings.compiler, version=version("flexbeams"))
-    return Bundle(
+    return ExportBundle(
         name=path.stem,
-        about=first_comment(path) or scenario.title,
+        description=first_comment(path) or scenario.title,
         units={n: unit_description(file, "FMU", str(path)) for n, file in files.items()},
         files=files,
-        connections=_connections(draft, driven, _source_name(scenario)),
+        links=_links(draft, driven, _source_name(scenario)),
         stop_time=scenario.stop_time,
         step=draft.step,
         coupling=scenario.coupling,
@@ -77,12 +79,12 @@ def build_bundle(
 
 
 def parameters_of(unit: Any) -> list[Any]:
-    """Variables of a unit whose start values a package gives once more."""
+    """Variables of a unit whose start values a package repeats."""
     return [v for v in unit.modelVariables if v.causality == "parameter" and v.type in ("Real", "Integer", "Boolean")]
 
 
-def _given(path: Path, instance: str, fmu: str, draft: Draft) -> Path:
-    """An FMU that the scenario brings along; start values cannot be built into it."""
+def _provided_fmu(path: Path, instance: str, fmu: str, draft: Draft) -> Path:
+    """An FMU file of the scenario; start values cannot be built into it."""
     if draft.starts[instance]:
         raise InputError(
             f"instance.{instance}",
@@ -94,7 +96,7 @@ def _given(path: Path, instance: str, fmu: str, draft: Draft) -> Path:
 
 
 def _file_name(scenario: Scenario, instance: str) -> str:
-    """The unit's name; where several are of one unit, or the FMU was brought along, with the instance's."""
+    """The unit's name; followed by the instance's where the unit occurs more than once or is an FMU file."""
     kinds = [i.unit or "FMU" for i in scenario.instance.values()]
     unit = scenario.instance[instance].unit or "FMU"
     return unit if unit != "FMU" and kinds.count(unit) == 1 else f"{unit}_{instance}"
@@ -108,7 +110,7 @@ def _source_name(scenario: Scenario) -> str:
 
 
 def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[NativeUnit, dict[str, str]]:
-    """The unit of the external signals, and its output by <instance>.<input>."""
+    """The source of the external signals, and its output by <instance>.<input>."""
     signals, driven = source_signals(
         scenario,
         path.parent,
@@ -118,20 +120,20 @@ def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[Na
     )
     try:
         interface = signal_source(signals, draft.step, scenario.stop_time)
-    except InterfaceError as error:  # inputs of others whose names cannot be those of outputs
+    except InterfaceError as error:  # inputs of third-party units whose names cannot be those of outputs
         raise InputError("input", str(error), source=str(path)) from None
     data, meta = source_data(interface, signals)
     return NativeUnit(interface=interface, data=data, meta=meta, out=out), driven
 
 
-def _connections(draft: Draft, driven: Mapping[str, str], source: str) -> list[tuple[str, str, str, str]]:
-    """By component and connector, in the order of the inputs."""
-    links, found = draft.plan.links(), []
+def _links(draft: Draft, driven: Mapping[str, str], source: str) -> list[Link]:
+    """Links between the units, and from the source of signals, in the order of the inputs."""
+    sources, links = draft.plan.links(), []
     for instance, declared in draft.instances.items():
         for name in (n for n, v in declared.variables.items() if v.causality == "input"):
             if f"{instance}.{name}" in driven:
-                found.append((source, driven[f"{instance}.{name}"], instance, name))
-            elif f"{instance}.{name}" in links:
-                start, _, output = links[f"{instance}.{name}"].partition(".")
-                found.append((start, output, instance, name))
-    return found
+                links.append(Link(source, driven[f"{instance}.{name}"], instance, name))
+            elif f"{instance}.{name}" in sources:
+                start, _, output = sources[f"{instance}.{name}"].partition(".")
+                links.append(Link(start, output, instance, name))
+    return links

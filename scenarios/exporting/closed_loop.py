@@ -1,4 +1,4 @@
-"""A scenario's closed loop as one native unit that needs no master for what happens inside."""
+"""A scenario's closed loop as one native unit that needs no co-simulation master inside."""
 
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -15,7 +15,7 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.runs.prepare import draft_run
 from flexbeams.scenarios.runs.scenario import prepare
 
-LONGEST_NAME = 18  # of an instance: <instance>.<variable> must fit into the unit's tables
+MAX_NAME_LENGTH = 18  # of an instance: <instance>.<variable> must fit into the unit's tables
 
 
 def export_closed_loop(
@@ -23,12 +23,12 @@ def export_closed_loop(
     out: Path,
     settings: Settings,
     platforms: Sequence[str] = ("host",),
-    report: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Writes a scenario's instances as one FMU; errors as of a run, and BuildError where it cannot be compiled.
+    """Writes a scenario's instances as one FMU. Equal arguments give equal bytes.
 
-    Inputs that no connection drives are the unit's: external signals stay outside. Start values are built in. Equal
-    arguments give equal bytes.
+    Inputs that no connection drives become inputs of the unit: external signals stay outside. Start values are built
+    in. Raises the same errors as `run_scenario`, and BuildError where the unit cannot be compiled.
     """
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
@@ -47,7 +47,7 @@ def export_closed_loop(
         )
     except InterfaceError as error:
         raise InputError("", str(error), source=str(path)) from None
-    report(f"building {interface.unit_name}")
+    notify(f"building {interface.unit_name}")
     build_native_units(
         [ClosedLoop(interface=interface, parts=tuple(parts), wires=tuple(wires), coupling=scenario.coupling, out=out)],
         platforms,
@@ -62,14 +62,14 @@ def _check(scenario: Scenario, source: str) -> None:
         if instance.unit is None:
             raise InputError(
                 f"instance.{name}.fmu",
-                "cannot go into a closed loop, which is made of units built here",
+                "must be a unit of this project in a closed loop, not an FMU file",
                 instance.fmu,
                 source=source,
             )
-        if len(name) > LONGEST_NAME or not name.isascii():
+        if len(name) > MAX_NAME_LENGTH or not name.isascii():
             raise InputError(
                 f"instance.{name}",
-                f"must have at most {LONGEST_NAME} letters, digits and underscores of ASCII in a closed loop",
+                f"must have at most {MAX_NAME_LENGTH} letters, digits and underscores of ASCII in a closed loop",
                 name,
                 source=source,
             )

@@ -1,4 +1,4 @@
-"""A scenario's closed loop as one FMI 2.0 unit that carries its units as they are, run by FMUContainer inside.
+"""A scenario's closed loop as one FMI 2.0 unit that holds its units unchanged, run by FMUContainer inside.
 
 FMUContainer is part of fmu-manipulation-toolbox: a C library without threads of its own (as it is set up here) that
 steps units under Jacobi or Gauss-Seidel coupling with the results of this package's runner, to the last bit.
@@ -28,15 +28,15 @@ from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, first_comment
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.exporting.container_parts import FOLDERS, Part, build_parts
-from flexbeams.scenarios.runs.prepare import Draft, draft_run
+from flexbeams.scenarios.exporting.container_parts import FOLDERS, ContainerPlan, Part, build_parts
+from flexbeams.scenarios.runs.prepare import draft_run
 from flexbeams.scenarios.runs.scenario import prepare
 
 PACKAGE = "fmu-manipulation-toolbox"
-OLDEST = 2  # its version
+MIN_VERSION = 2
 _INNER_BINARY = re.compile(r"(resources/[0-9a-f]+/binaries)/([^/]+)/(.+)")
 _INDEX = re.compile(r"\[[\d,]+\]$")
-_CATEGORIES = {"Info": "What the container reads, loads and takes over", "Error": "Warnings and errors"}
+_CATEGORIES = {"Info": "Files read, units loaded and values set by the container", "Error": "Warnings and errors"}
 
 
 def export_container(
@@ -44,25 +44,26 @@ def export_container(
     out: Path,
     settings: Settings,
     platforms: Sequence[str] = ("host",),
-    report: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Writes a scenario's instances as one FMU; errors as of a run, and BuildError where the tool is missing or fails.
+    """Writes a scenario's instances as one FMU. Equal arguments give equal bytes.
 
-    Inputs that no connection drives are the container's: external signals stay outside. Start values are built into
-    the units. Equal arguments give equal bytes.
+    Inputs that no connection drives become inputs of the container: external signals stay outside. Start values are
+    built into the units. Raises the same errors as `run_scenario`, and BuildError where the tool is missing or fails.
     """
     targets = _targets(platforms)
     tool = _tool_version()
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
     scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
+    plan = ContainerPlan(path=path, scenario=scenario, design=design, draft=draft)
     links = draft.plan.links()
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
         folder = Path(temporary) / "units"
         folder.mkdir()
-        parts = build_parts(path, scenario, design, draft, folder, targets, settings.compiler, report)
+        parts = build_parts(plan, folder, targets, settings.compiler, notify)
         try:
-            interface = _interface(path, scenario, parts, links, draft)
+            interface = _interface(plan, parts, links)
         except InterfaceError as error:
             raise InputError("", f"cannot be a container: {error}", source=str(path)) from None
         made = Path(temporary) / "container.fmu"
@@ -73,7 +74,7 @@ def export_container(
     entries["modelDescription.xml"] = _description(interface, references, parts, tool, guid)
     write_whole(out, zip_bytes(entries))
     if driven := signals(interface, "input"):
-        report(f"the host drives {', '.join(driven)}")
+        notify(f"the host drives {', '.join(driven)}")
     return out
 
 
@@ -95,25 +96,27 @@ def _tool_version() -> str:
         found = version(PACKAGE)
     except PackageNotFoundError:
         found = ""
-    if not found or int(found.split(".")[0]) < OLDEST:
+    if not found or int(found.split(".")[0]) < MIN_VERSION:
         raise BuildError(
-            f"containers need {PACKAGE} {OLDEST}.0 or newer{f', {found} is installed' if found else ''}: "
-            f"pip install '{PACKAGE}>={OLDEST}.0', or choose --format closed-loop"
+            f"containers need {PACKAGE} {MIN_VERSION}.0 or newer{f', {found} is installed' if found else ''}: "
+            f"pip install '{PACKAGE}>={MIN_VERSION}.0', or choose --format closed-loop"
         )
     return found
 
 
-def _interface(
-    path: Path, scenario: Scenario, parts: Mapping[str, Part], links: Mapping[str, str], draft: Draft
-) -> Interface:
-    """What the container shows: its units' variables, <instance>.<variable>, but for wired inputs and inner outputs."""
-    shown = {
+def _interface(plan: ContainerPlan, parts: Mapping[str, Part], links: Mapping[str, str]) -> Interface:
+    """Variables <instance>.<variable> of the units, without connected inputs and without outputs not recorded."""
+    path, scenario, draft = plan.path, plan.scenario, plan.draft
+    exposed = {
         f"{instance}.{v.name}": v
         for instance, part in parts.items()
         for v in part.variables
-        if _is_shown(f"{instance}.{v.name}", v, links, draft.plan.columns)
+        if _is_exposed(f"{instance}.{v.name}", v, links, draft.plan.columns)
     }
-    inputs = tuple(dict.fromkeys(replace(v, name=n).array for n, v in shown.items() if v.causality == "input"))
+    inputs = tuple(dict.fromkeys(replace(v, name=n).array for n, v in exposed.items() if v.causality == "input"))
+    variables = [
+        replace(v, name=n, initial_inputs=inputs if v.initial == "calculated" else ()) for n, v in exposed.items()
+    ]
     descriptions = [part.description.coSimulation for part in parts.values() if part.description is not None]
     about = (first_comment(path) or scenario.title).rstrip(".")
     return Interface(
@@ -122,10 +125,7 @@ def _interface(
         stop_time=scenario.stop_time,
         description=f"{about}. Units inside: {', '.join(parts)}; steps of {draft.step:g} s, {scenario.coupling} "
         "coupling; the host drives the inputs",
-        variables=(
-            time_variable,
-            *[replace(v, name=n, initial_inputs=inputs if v.initial == "calculated" else ()) for n, v in shown.items()],
-        ),
+        variables=(time_variable, *variables),
         needs_execution_tool=any(d.needsExecutionTool for d in descriptions),
         can_be_instantiated_only_once=any(d.canBeInstantiatedOnlyOncePerProcess for d in descriptions),
         cannot_use_memory_management=True,
@@ -134,7 +134,7 @@ def _interface(
     )
 
 
-def _is_shown(name: str, variable: Variable, links: Mapping[str, str], columns: Sequence[str]) -> bool:
+def _is_exposed(name: str, variable: Variable, links: Mapping[str, str], columns: Sequence[str]) -> bool:
     if variable.causality == "output":
         return name in columns  # those that a run records
     return variable.causality != "independent" and name not in links
@@ -148,7 +148,7 @@ def _assemble(
     interface: Interface,
     scenario: Scenario,
 ) -> None:
-    """The tool's container; its units are the files in `folder`."""
+    """The tool's container of the units in `folder`."""
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError
 
@@ -177,7 +177,7 @@ def _assemble(
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Without the tool's messages: those that matter are errors, which it raises."""
+    """Suppresses the tool's messages; it raises errors."""
     logger = logging.getLogger("fmu_manipulation_toolbox")
     before, logger.disabled = logger.disabled, True
     try:
@@ -187,18 +187,18 @@ def _silent() -> Iterator[None]:
 
 
 def _entries(made: Path, targets: Sequence[Platform], name: str) -> tuple[dict[str, bytes], dict[str, str]]:
-    """What the tool put into its container, as far as it is kept, and the value references by variable."""
+    """Entries of the tool's container to keep, and the value references by variable."""
     with zipfile.ZipFile(made) as archive:
-        found = {entry: archive.read(entry) for entry in archive.namelist()}
-    entries = {n: content for n, content in found.items() if n.startswith("resources/")}
+        content = {entry: archive.read(entry) for entry in archive.namelist()}
+    entries = {n: c for n, c in content.items() if n.startswith("resources/")}
     entries["resources/container.txt"] = entries["resources/container.txt"].replace(b"\r\n", b"\n")
     for entry in list(entries):  # the tool's binary looks into one folder, on macOS into that of another machine
         if (match := _INNER_BINARY.fullmatch(entry)) and match[2] in FOLDERS:
             entries[f"{match[1]}/{FOLDERS[match[2]]}/{match[3]}"] = entries.pop(entry)
     for target in targets:
-        binary = found[f"binaries/{FOLDERS[target.name]}/{name}{target.suffix}"]
+        binary = content[f"binaries/{FOLDERS[target.name]}/{name}{target.suffix}"]
         entries |= {f"binaries/{f}/{name}{target.suffix}": binary for f in (FOLDERS[target.name], target.name)}
-    scalars = ElementTree.fromstring(found["modelDescription.xml"]).iterfind("ModelVariables/ScalarVariable")
+    scalars = ElementTree.fromstring(content["modelDescription.xml"]).iterfind("ModelVariables/ScalarVariable")
     return entries, {v.attrib["name"]: v.attrib["valueReference"] for v in scalars}  # of two of a name, ours is last
 
 
@@ -213,7 +213,7 @@ def _description(
     categories = root.find("LogCategories")
     assert categories is not None
     categories[:] = [ElementTree.Element("Category", name=n, description=text) for n, text in _CATEGORIES.items()]
-    if any(part.description is not None for part in parts.values()):  # nobody knows what their outputs depend on
+    if any(part.description is not None for part in parts.values()):  # outputs of FMU files have unknown dependencies
         for unknown in root.iterfind("ModelStructure/*/Unknown"):
             unknown.attrib.pop("dependencies", None)
     return xml_bytes(root)

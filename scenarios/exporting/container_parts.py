@@ -1,4 +1,4 @@
-"""The units inside a container: built with their start values, or brought along by the scenario."""
+"""The units inside a container: built with their start values, or FMU files of the scenario."""
 
 import zipfile
 from collections.abc import Callable, Sequence
@@ -23,53 +23,57 @@ FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "aarch64-darwin
 
 
 @dataclass(frozen=True, kw_only=True)
+class ContainerPlan:
+    """A scenario, ready to be built."""
+
+    path: Path
+    scenario: Scenario
+    design: Design
+    draft: Draft
+
+
+@dataclass(frozen=True, kw_only=True)
 class Part:
-    """A unit inside."""
+    """A unit inside a container."""
 
     unit: str  # its modelName
-    variables: tuple[Variable, ...]  # that the container could show
-    description: Any = None  # FMPy's, of an FMU that the scenario brings along
+    variables: tuple[Variable, ...]  # that the container can expose
+    description: Any = None  # FMPy's, of an FMU file of the scenario
 
 
 def build_parts(
-    path: Path,
-    scenario: Scenario,
-    design: Design,
-    draft: Draft,
-    folder: Path,
-    targets: Sequence[Platform],
-    compiler: str,
-    report: Callable[[str], None],
+    plan: ContainerPlan, folder: Path, targets: Sequence[Platform], compiler: str, notify: Callable[[str], None]
 ) -> dict[str, Part]:
     """Units by instance, their files in `folder`."""
+    path, draft = plan.path, plan.draft
     parts, units = {}, []
-    for instance, declared in scenario.instance.items():
+    for instance, declared in plan.scenario.instance.items():
         file = folder / f"{instance}.fmu"
         if declared.unit is None:
             description = draft.instances[instance].description
-            file.write_bytes(_given(path, instance, str(declared.fmu), draft, targets).read_bytes())
+            file.write_bytes(_provided_fmu(plan, instance, str(declared.fmu), targets).read_bytes())
             parts[instance] = Part(
                 unit=description.modelName,
                 description=description,
-                variables=_given_variables(instance, description, draft.plan.columns, path),
+                variables=_provided_variables(instance, description, draft.plan.columns, path),
             )
             continue
-        units.append(native_unit(declared.unit, design, draft.models[instance], file, draft.starts[instance]))
+        units.append(native_unit(declared.unit, plan.design, draft.models[instance], file, draft.starts[instance]))
         parts[instance] = Part(unit=declared.unit, variables=units[-1].interface.variables)
     if units:
-        report(f"building {', '.join(unit.interface.unit_name for unit in units)}")
+        notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
         build_native_units(units, [target.name for target in targets], compiler, version=version("flexbeams"))
     return parts
 
 
-def _given(path: Path, instance: str, fmu: str, draft: Draft, targets: Sequence[Platform]) -> Path:
-    """An FMU that the scenario brings along. The tool's start values are no way out: they undo what a host sets."""
-    source, file = str(path), path.parent / fmu
-    if draft.starts[instance]:
+def _provided_fmu(plan: ContainerPlan, instance: str, fmu: str, targets: Sequence[Platform]) -> Path:
+    """An FMU file of the scenario. The tool's own start values cannot be used: they override the host's."""
+    source, file = str(plan.path), plan.path.parent / fmu
+    if plan.draft.starts[instance]:
         raise InputError(
             f"instance.{instance}",
             "must keep the start values of its FMU in a container",
-            ", ".join(draft.starts[instance]),
+            ", ".join(plan.draft.starts[instance]),
             source=source,
         )
     with zipfile.ZipFile(file) as archive:
@@ -80,22 +84,22 @@ def _given(path: Path, instance: str, fmu: str, draft: Draft, targets: Sequence[
     return file
 
 
-def _given_variables(instance: str, description: Any, columns: Sequence[str], path: Path) -> tuple[Variable, ...]:
-    """Those of an FMU that a scenario brings along, as far as a container shows them: only what a run records."""
+def _provided_variables(instance: str, description: Any, columns: Sequence[str], path: Path) -> tuple[Variable, ...]:
+    """Inputs and parameters of an FMU file, and the variables that a run records."""
     read: dict[str, Callable[[str], float | int | bool]] = {
         "Real": float,
         "Integer": int,
         "Boolean": lambda text: text in ("true", "1"),
     }
-    found = []
+    variables = []
     for v in description.modelVariables:
-        given = v.causality in ("input", "parameter")
-        if v.type not in read or not (given or f"{instance}.{v.name}" in columns):
+        settable = v.causality in ("input", "parameter")
+        if v.type not in read or not (settable or f"{instance}.{v.name}" in columns):
             continue
         limits = [None if bound is None or v.type == "Boolean" else float(bound) for bound in (v.min, v.max)]
-        starts = given or v.variability == "constant"
+        starts = settable or v.variability == "constant"
         try:
-            found.append(
+            variables.append(
                 Variable(
                     name=v.name,
                     type=v.type,
@@ -111,4 +115,4 @@ def _given_variables(instance: str, description: Any, columns: Sequence[str], pa
             )
         except InterfaceError as error:
             raise InputError("", f"cannot be a container: {error}", source=str(path)) from None
-    return tuple(found)
+    return tuple(variables)

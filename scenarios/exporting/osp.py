@@ -10,10 +10,10 @@ from flexbeams.fmus.documents.xml_documents import xml_bytes
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.exporting.bundle import Bundle, build_bundle, parameters_of
+from flexbeams.scenarios.exporting.bundle import ExportBundle, build_bundle, parameters_of
+from flexbeams.scenarios.importing.osp import OSP_STRUCTURE
 
-OSP = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
-STRUCTURE = "OspSystemStructure.xml"
+FILE = "OspSystemStructure.xml"
 
 
 def export_osp(
@@ -21,9 +21,9 @@ def export_osp(
     out: Path,
     settings: Settings,
     platforms: Sequence[str] = ("host",),
-    report: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Writes a scenario into a folder, or into FILE.zip; errors as of `build_bundle`.
+    """Writes a scenario into a folder, or into FILE.zip; raises the same errors as `build_bundle`.
 
     Equal arguments give equal bytes. OSP's tools read the folder; the archive is to be extracted first.
     """
@@ -31,9 +31,9 @@ def export_osp(
     if out.exists() and out.is_dir() == archived:
         raise InputError("--out", "must be a folder, or FILE.zip", str(out))
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        bundle = build_bundle(name, Path(folder), settings, platforms, report)
+        bundle = build_bundle(name, Path(folder), settings, platforms, notify)
         entries = {file.name: file.read_bytes() for file in bundle.files.values()}
-    entries[STRUCTURE] = system_document(bundle)
+    entries[FILE] = system_document(bundle)
     if archived:
         write_whole(out, zip_bytes(entries))
     else:
@@ -42,9 +42,9 @@ def export_osp(
     return out
 
 
-def system_document(bundle: Bundle) -> bytes:
+def system_document(bundle: ExportBundle) -> bytes:
     """OspSystemStructure.xml."""
-    root = ElementTree.Element("OspSystemStructure", xmlns=OSP, version="0.1")
+    root = ElementTree.Element("OspSystemStructure", xmlns=OSP_STRUCTURE, version="0.1")
     for key, value in (
         ("StartTime", "0.0"),
         ("EndTime", repr(float(bundle.stop_time))),
@@ -56,17 +56,17 @@ def system_document(bundle: Bundle) -> bytes:
     for name, unit in bundle.units.items():
         simulator = ElementTree.SubElement(simulators, "Simulator", name=name, source=bundle.files[name].name)
         _add_values(simulator, parameters_of(unit))
-    if bundle.connections:
+    if bundle.links:
         connections = ElementTree.SubElement(root, "Connections")
-        for start, output, end, target in bundle.connections:
+        for link in bundle.links:
             connection = ElementTree.SubElement(connections, "VariableConnection")
-            ElementTree.SubElement(connection, "Variable", simulator=start, name=output)
-            ElementTree.SubElement(connection, "Variable", simulator=end, name=target)
+            ElementTree.SubElement(connection, "Variable", simulator=link.start, name=link.output)
+            ElementTree.SubElement(connection, "Variable", simulator=link.end, name=link.input)
     return xml_bytes(root)
 
 
 def _add_values(simulator: ElementTree.Element, parameters: list[Any]) -> None:
-    """The units' own start values, to be changed by hand."""
+    """The units' own start values, for the user to edit."""
     if parameters:
         values = ElementTree.SubElement(simulator, "InitialValues")
         for variable in parameters:

@@ -1,7 +1,8 @@
-"""A scenario's external signals as those of a SignalSource, for tools that have none of their own."""
+"""A scenario's external signals as signals of a SignalSource, for tools without signals of their own."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,20 @@ from flexbeams.scenarios.definition.signals import binary_sequence, table_rows
 from flexbeams.scenarios.simulation.instance import element_names
 
 Starts = Mapping[str, Mapping[str, float | bool]]
+Variables = Mapping[str, Mapping[str, Any]]  # FMPy's, by instance and name
+
+
+@dataclass(frozen=True)
+class DrivenInputs:
+    """Inputs of an instance that one signal drives; those that the scenario leaves open have none."""
+
+    owner: str
+    names: list[str]
+    drive: Input | None
 
 
 def source_signals(
-    scenario: Scenario,
-    folder: Path,
-    variables: Mapping[str, Mapping[str, Any]],
-    starts: Starts,
-    connected: Collection[str],
+    scenario: Scenario, folder: Path, variables: Variables, starts: Starts, connected: Collection[str]
 ) -> tuple[list[SourceSignal], dict[str, str]]:
     """Signals that drive every Real input that is not `connected`, and the output by <instance>.<input>.
 
@@ -29,46 +36,52 @@ def source_signals(
     drives to zero or to the value of another. `variables` and `starts` are by instance; files of tables are relative
     to `folder`.
     """
-    signals: list[SourceSignal] = []
-    driven: dict[str, Input] = {}
-    groups: list[tuple[str, list[str], Input | None]] = []
+    groups = [*_scenario_inputs(scenario, variables)]
+    driven = {f"{group.owner}.{name}" for group in groups for name in group.names}
+    groups += _open_inputs(variables, driven | set(connected))
+    outputs = _output_names([f"{group.owner}.{name}" for group in groups for name in group.names])
+    return [_source_signal(group, outputs, folder, variables, starts) for group in groups], outputs
+
+
+def _scenario_inputs(scenario: Scenario, variables: Variables) -> Iterator[DrivenInputs]:
     for drive in scenario.input:
         owner, _, variable = drive.to.partition(".")
-        names = element_names(dict(variables[owner]), variable)
-        groups.append((owner, names, drive))
-        driven |= {f"{owner}.{n}": drive for n in names}
+        yield DrivenInputs(owner, element_names(dict(variables[owner]), variable), drive)
+
+
+def _open_inputs(variables: Variables, driven: Collection[str]) -> Iterator[DrivenInputs]:
+    """Whole arrays together, elements of others one by one."""
     for owner, table in variables.items():
-        left = [
-            n
-            for n, v in table.items()
-            if v.causality == "input"
-            and v.type == "Real"
-            and f"{owner}.{n}" not in connected
-            and f"{owner}.{n}" not in driven
+        open_names = [
+            n for n, v in table.items() if v.causality == "input" and v.type == "Real" and f"{owner}.{n}" not in driven
         ]
-        for name in dict.fromkeys(n.partition("[")[0] for n in left):
-            elements = [n for n in left if n.partition("[")[0] == name]
+        for name in dict.fromkeys(n.partition("[")[0] for n in open_names):
+            elements = [n for n in open_names if n.partition("[")[0] == name]
             whole = elements == element_names(dict(table), name)
-            groups += [(owner, part, None) for part in ([elements] if whole else [[n] for n in elements])]
-    outputs = _output_names([f"{owner}.{n}" for owner, names, _ in groups for n in names])
-    for owner, names, given in groups:
-        found = [outputs[f"{owner}.{n}"] for n in names]
-        kind, width, rest = _content(given, folder) if given else _start(owner, names, variables, starts)
-        first = variables[owner][names[0]]
-        stem = found[0].partition("[")[0] if len(found) > 1 or "[" not in found[0] else re.sub(r"\W+", "_", found[0])
-        signals.append(
-            SourceSignal(
-                name=f"{stem.rstrip('_')}_{_name(given)}",
-                kind=kind,
-                outputs=tuple(found),
-                width=width,
-                unit=first.unit if first.unit in BASE_UNITS else None,
-                nominal=float(first.nominal) if first.nominal and float(first.nominal) > 0 else None,
-                drives=f"{owner}.{names[0].partition('[')[0] if len(names) > 1 else names[0]}",
-                **rest,
-            )
-        )
-    return signals, outputs
+            for part in [elements] if whole else [[n] for n in elements]:
+                yield DrivenInputs(owner, part, None)
+
+
+def _source_signal(
+    group: DrivenInputs, outputs: Mapping[str, str], folder: Path, variables: Variables, starts: Starts
+) -> SourceSignal:
+    names = [outputs[f"{group.owner}.{n}"] for n in group.names]
+    first = variables[group.owner][group.names[0]]
+    if group.drive:
+        kind, width, fields = _content(group.drive, folder)
+    else:
+        kind, width, fields = _start(group, variables, starts)
+    stem = names[0].partition("[")[0] if len(names) > 1 or "[" not in names[0] else re.sub(r"\W+", "_", names[0])
+    return SourceSignal(
+        name=f"{stem.rstrip('_')}_{_kind_name(group.drive)}",
+        kind=kind,
+        outputs=tuple(names),
+        width=width,
+        unit=first.unit if first.unit in BASE_UNITS else None,
+        nominal=float(first.nominal) if first.nominal and float(first.nominal) > 0 else None,
+        drives=f"{group.owner}.{group.names[0].partition('[')[0] if len(group.names) > 1 else group.names[0]}",
+        **fields,
+    )
 
 
 def _output_names(inputs: list[str]) -> dict[str, str]:
@@ -86,15 +99,15 @@ def _output_names(inputs: list[str]) -> dict[str, str]:
     return outputs
 
 
-def _start(
-    owner: str, names: list[str], variables: Mapping[str, Mapping[str, Any]], starts: Starts
-) -> tuple[Any, int, dict[str, Any]]:
-    values = [float(starts.get(owner, {}).get(n, variables[owner][n].start) or 0.0) for n in names]
-    return "constant", len(names), {"parameters": {"value": values if len(names) > 1 else values[0]}}
+def _start(group: DrivenInputs, variables: Variables, starts: Starts) -> tuple[Any, int, dict[str, Any]]:
+    """A constant, the start values of open inputs."""
+    given, table = starts.get(group.owner, {}), variables[group.owner]
+    values = [float(given.get(n, table[n].start) or 0.0) for n in group.names]
+    return "constant", len(values), {"parameters": {"value": values if len(values) > 1 else values[0]}}
 
 
 def _content(drive: Input, folder: Path) -> tuple[Any, int, dict[str, Any]]:
-    """Kind, width and the fields that only this kind has."""
+    """Kind, width and further fields of the signal of an input."""
     if drive.chirp:
         return _chirp(drive.chirp)
     if drive.pseudo_random:
@@ -115,7 +128,7 @@ def _content(drive: Input, folder: Path) -> tuple[Any, int, dict[str, Any]]:
     return "constant", _width(drive.constant), {"parameters": {"value": drive.constant}}
 
 
-def _name(drive: Input | None) -> str:
+def _kind_name(drive: Input | None) -> str:
     return next(s for s in SIGNALS if getattr(drive, s) is not None) if drive else "constant"
 
 

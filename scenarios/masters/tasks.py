@@ -6,12 +6,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from xml.etree import ElementTree
 
 from fmpy import read_model_description
 
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.osp import read_osp
 from flexbeams.scenarios.importing.ssp import Package, is_package, open_package
 from flexbeams.scenarios.masters.trace import Fault, Task
 
@@ -23,7 +23,6 @@ FOLDERS_LEFT = Fault(
     name="folders left behind",
     what="Extracted units stay in the folder for temporary files. They go to one that is removed.",
 )
-_OSP = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
 
 
 def read_task(
@@ -77,20 +76,16 @@ def _from_ssp(file: Path) -> tuple[float | None, float | None, dict[str, list[st
 
 
 def _from_osp(file: Path) -> tuple[float | None, float | None, dict[str, list[str]]]:
-    try:
-        root = ElementTree.parse(file).getroot()
-    except (OSError, ElementTree.ParseError) as error:
-        raise InputError("", f"must be an SSP package or OspSystemStructure.xml: {error}", source=str(file)) from None
+    system = read_osp(file)
     outputs = {
-        str(simulator.get("name")): [
+        name: [
             v.name
-            for v in read_model_description(str(file.parent / str(simulator.get("source")))).modelVariables
+            for v in read_model_description(str(fmu)).modelVariables
             if v.causality == "output" and v.type == "Real"
         ]
-        for simulator in root.iter(f"{_OSP}Simulator")
+        for name, fmu in system.simulators.items()
     }
-    stop, step = (root.findtext(f"{_OSP}{key}") for key in ("EndTime", "BaseStepSize"))
-    return None if stop is None else float(stop), None if step is None else float(step), outputs
+    return system.stop_time, system.step, outputs
 
 
 @contextmanager

@@ -468,7 +468,7 @@ targets = [{{ time = 1.0, value = {TARGET} }}]
     [
         (
             ('unit = "BeamPlant"\nbasis', 'fmu = "x.fmu"\n# basis'),
-            r"instance\.second\.fmu cannot go into a closed loop, which is made of units built here, got 'x\.fmu'",
+            r"instance\.second\.fmu must be a unit of this project in a closed loop, not an FMU file, got 'x\.fmu'",
         ),
         (
             ("second", "a_name_of_twenty_one"),

@@ -9,9 +9,9 @@ import pytest
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
-from flexbeams.scenarios.bench.bare_loops import NumpyLoops
-from flexbeams.scenarios.bench.measure import Bench
-from flexbeams.scenarios.bench.unit_loops import Loop, chain
+from flexbeams.scenarios.bench.growth import repeat_beams
+from flexbeams.scenarios.bench.unit_loops import Loop
+from flexbeams.scenarios.bench.workbench import Workbench
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import design_of
 
@@ -20,8 +20,8 @@ STEPS = 6_000  # past the start of the transition at 1 s
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    with Bench(STEPS, rounds=1, build_folder=tmp_path_factory.mktemp("units")) as made:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workbench]:
+    with Workbench(STEPS, build_folder=tmp_path_factory.mktemp("units")) as made:
         yield made
 
 
@@ -43,9 +43,9 @@ def assert_near(actual: Array, expected: Array) -> None:
     np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-def test_plant(bench: Bench) -> None:
+def test_plant(bench: Workbench) -> None:
     rows = np.random.default_rng(1).uniform(-1, 1, (700, 7)) * np.r_[np.full(4, 500.0), np.full(3, 0.1)]
-    bare, numpy = bench.bare(), NumpyLoops(bench.design, bench.matrices)
+    bare, numpy = bench.bare(), bench.numpy()
     bare.plant(rows)
     for row in rows:
         numpy.plant_step(row)
@@ -55,13 +55,13 @@ def test_plant(bench: Bench) -> None:
     assert_near(numpy.y, bare["y"])
 
 
-def test_controller_within_and_beyond_the_voltage_limit(bench: Bench) -> None:
+def test_controller_within_and_beyond_the_voltage_limit(bench: Workbench) -> None:
     for size in (200.0, 4000.0):
         rows = np.random.default_rng(2).normal(size=(300, 40))
         rows[:, :4] *= size
         rows[:, 34:] *= 1e-6
         rows[0] = 0.0
-        bare, numpy = bench.bare(), NumpyLoops(bench.design, bench.matrices)
+        bare, numpy = bench.bare(), bench.numpy()
         bare.controller(rows)
         for row in rows:
             numpy.controller_step(row[:4], row[4:34], row[34:])
@@ -72,15 +72,15 @@ def test_controller_within_and_beyond_the_voltage_limit(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("end", [400, 5_500])
-def test_feedforward_under_way_and_arrived(bench: Bench, end: int) -> None:
+def test_feedforward_under_way_and_arrived(bench: Workbench, end: int) -> None:
     """Three transitions, superposed at first."""
     rows = np.zeros((end, 4))
     for k, begin in enumerate((3, 4, 90)):
         rows[begin:] += np.array([-2e-3, 1e-4 * k, 1e-3, -2e-3])
     starts = {"transition_time": 0.9, "preview": 2e-4}
-    motion = bench.motion(rows, starts)
-    np.testing.assert_array_equal(motion.begins, [3, 4, 90])
-    bare, numpy = bench.bare(motion), NumpyLoops(bench.design, bench.matrices, motion)
+    transitions = bench.transitions(rows, starts)
+    np.testing.assert_array_equal(transitions.begins, [3, 4, 90])
+    bare, numpy = bench.bare(transitions), bench.numpy(transitions)
     bare.feedforward(0, end)
     for k in range(end):
         numpy.feedforward_step(k)
@@ -90,11 +90,11 @@ def test_feedforward_under_way_and_arrived(bench: Bench, end: int) -> None:
         assert_near(other, unit[name])
 
 
-def test_closed_loop(bench: Bench) -> None:
+def test_closed_loop(bench: Workbench) -> None:
     """The bare loop and numpy end where the runner does, in the middle of the transition."""
     recorded = bench.closed_run()
-    motion = bench.closed_motion()
-    bare, numpy = bench.bare(motion), NumpyLoops(bench.design, bench.matrices, motion)
+    transitions = bench.closed_transitions()
+    bare, numpy = bench.bare(transitions), bench.numpy(transitions)
     bare.closed(STEPS)
     for k in range(STEPS):
         numpy.closed_step(k)
@@ -109,7 +109,7 @@ def test_closed_loop(bench: Bench) -> None:
         assert_near(other, expected)
 
 
-def test_single_steps_are_those_of_the_block(bench: Bench) -> None:
+def test_single_steps_are_those_of_the_block(bench: Workbench) -> None:
     rows = np.random.default_rng(4).uniform(-300, 300, (200, 7))
     whole = outputs(bench.unit_loop("plant", ("u", "force"), rows), rows)
     loop = bench.unit_loop("plant", ("u", "force"), rows)
@@ -123,16 +123,21 @@ def test_single_steps_are_those_of_the_block(bench: Bench) -> None:
 
 def test_rows_of_beams() -> None:
     kiel = read_structure(find_structure("kiel"))
-    assert chain(kiel, 3) == kiel
-    five = chain(kiel, 5)
+    assert repeat_beams(kiel, 3) == kiel
+    five = repeat_beams(kiel, 5)
     assert [s.between for s in five.spring] == [(1, 2), (2, 3), (3, 4), (4, 5)]
     assert [p.beam for p in five.patch] == [1, 2, 2, 3, 4, 5, 5]
+
+
+def patch_modes(monkeypatch: pytest.MonkeyPatch, modes: dict[int, int]) -> None:
+    for module in ("growth", "measure"):
+        monkeypatch.setattr(f"flexbeams.scenarios.bench.{module}.REDUCED_MODES", modes)
 
 
 def test_json_of_the_verb(
     at_run_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("flexbeams.scenarios.bench.measure.GROWTH", {1: 2, 2: 2})
+    patch_modes(monkeypatch, {1: 2, 2: 2})
     assert main(["bench", "--steps", "40", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["steps"] == 40
@@ -161,7 +166,7 @@ def test_json_of_the_verb(
 def test_table_of_the_verb(
     at_run_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("flexbeams.scenarios.bench.measure.GROWTH", {1: 2})
+    patch_modes(monkeypatch, {1: 2})
     assert main(["bench", "--steps", "10"]) == 0
     shown = capsys.readouterr().out
     for text in ("closed loop", "FMI functions", "numpy", "growth", "targets", "at most", "of 33", "p99.99"):

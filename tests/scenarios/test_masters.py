@@ -328,7 +328,7 @@ def test_the_verb_lists_masters(
         "flexbeams.scenarios.bench.masters.installed_version",
         lambda master: None if master.name == away else installed_version(master),
     )
-    monkeypatch.setattr("flexbeams.scenarios.bench.masters.PATIENCE", 0.0)
+    monkeypatch.setattr("flexbeams.scenarios.bench.masters.REPEATED_BELOW", 0.0)
     assert main(["bench", "--masters", "--steps", "5100", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["missing"] == [away]

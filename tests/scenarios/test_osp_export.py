@@ -11,7 +11,8 @@ from lxml import etree
 
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.exporting.osp import OSP, export_osp
+from flexbeams.scenarios.exporting.osp import export_osp
+from flexbeams.scenarios.importing.osp import OSP_STRUCTURE
 from flexbeams.scenarios.masters.isolation import run_master
 from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import deviation
@@ -20,7 +21,7 @@ from flexbeams.scenarios.runs.scenario import run_scenario
 pytest.importorskip("ziglang")
 pytestmark = pytest.mark.usefixtures("known_designs")
 STOP, STEP = 1.2, 2e-4  # s
-NS = {"o": OSP}
+NS = {"o": OSP_STRUCTURE}
 VALUES = {"plant.noise_seed": 5.0, "plant.strain_noise_std": 1e-8}
 
 
@@ -55,7 +56,7 @@ def test_it_is_valid(osp: Path) -> None:
     assert spec is not None
     assert spec.origin is not None
     library = next(Path(spec.origin).parent.glob("libcosimc/*cosimc.*")).read_bytes()
-    at = library.index(f'targetNamespace="{OSP}"'.encode())
+    at = library.index(f'targetNamespace="{OSP_STRUCTURE}"'.encode())
     begin, end = library.rindex(b"<xs:schema", 0, at), library.index(b"</xs:schema>", at) + len(b"</xs:schema>")
     schema = etree.XMLSchema(etree.fromstring(library[begin:end]))
     root = etree.parse(osp / "OspSystemStructure.xml").getroot()

@@ -1,0 +1,73 @@
+"""Costs of plant and controller as the number of beams grows."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexbeams.controller.design import DesignOptions, compute_design
+from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
+from flexbeams.scenarios.bench.arithmetic import matrices_of
+from flexbeams.scenarios.bench.loop_costs import from_rest
+from flexbeams.scenarios.bench.timing import bare_and_fmi, interleaved
+from flexbeams.scenarios.bench.workbench import Workbench
+
+REDUCED_MODES = {1: 5, 2: 5, 3: 5, 5: 5, 10: 2, 20: 1}  # by number of beams, fewer where the series would be too long
+STEPS = 1_000  # at most
+DESIGN = {"output_weight": "energy", "gevrey_order": 1.5}  # options that give a design for all of these
+
+
+def measure_growth(bench: Workbench, rounds: int, beams: int) -> dict[str, Any]:
+    """Plant and controller of a row of beams."""
+    modes = REDUCED_MODES[beams]
+    structure = repeat_beams(read_structure(find_structure("kiel")), beams)
+    design = compute_design(structure, DesignOptions(reduced_modes=modes, **DESIGN))  # type: ignore[arg-type]
+    model = design.model()
+    files = bench.units({"plant": ("BeamPlant", model), "controller": ("TrackingController", model)}, design)
+    matrices = matrices_of(design, model)
+    bare = bench.bare(matrices=matrices)
+    steps = min(bench.steps, STEPS)
+    random = np.random.default_rng(beams)
+    result = {
+        "beams": beams,
+        "states": len(matrices.transition),
+        "reduced_modes": modes,
+        **DESIGN,
+        "reduced_states": len(matrices.filter),
+        "inputs": len(structure.patch),
+        "steps": steps,
+    }
+    n_u, n = len(structure.patch), len(matrices.filter)
+    for unit, arrays, width, call in (
+        ("plant", ("u", "force"), n_u + beams, bare.plant),
+        ("controller", ("u_ff", "x_ref", "y_pm"), n_u + n + len(structure.strain_gauge), bare.controller),
+    ):
+        scale = np.r_[np.full(n_u, 10.0), np.full(width - n_u, 1e-6)]
+        rows = random.normal(size=(steps, width)) * scale
+        loop = bench.file_loop(files[unit], arrays, rows, folder=str(beams))
+        times = interleaved(
+            {"bare": from_rest(bare, partial(call, rows)), "fmi": partial(loop.advance_from_start, rows)}, rounds
+        )
+        result[unit] = bare_and_fmi(times, steps)
+    return result
+
+
+def repeat_beams(structure: Structure, beams: int) -> Structure:
+    """A row of `beams` beams, each equipped as the one of a structure of three, with springs between neighbours."""
+    count = len(structure.beam)
+
+    def copied(parts: Sequence[Any]) -> list[Any]:
+        return [replace(part, beam=k + 1) for k in range(beams) for part in parts if part.beam == k % count + 1]
+
+    return Structure(
+        beam=[structure.beam[k % count] for k in range(beams)],
+        patch=copied(structure.patch),
+        spring=[
+            Spring(between=(k + 1, k + 2), stiffness=structure.spring[k % len(structure.spring)].stiffness)
+            for k in range(beams - 1)
+        ],
+        point_of_interest=copied(structure.point_of_interest),
+        strain_gauge=copied(structure.strain_gauge),
+    )

@@ -1,0 +1,147 @@
+"""The benchmark's scenario, built and loaded: loops of its units, and the bare loops with the same inputs."""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from flexbeams.controller.design import Design
+from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.plant.basis import Array
+from flexbeams.plant.galerkin import BeamModel
+from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence, matrices_of
+from flexbeams.scenarios.bench.bare_loops import BareLoops, bare_library
+from flexbeams.scenarios.bench.numpy_loops import NumpyLoops
+from flexbeams.scenarios.bench.unit_loops import Loop, Starts, unit_plan, without_recording
+from flexbeams.scenarios.definition.schema import find_scenario
+from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
+from flexbeams.scenarios.definition.signals import Signal
+from flexbeams.scenarios.runs.prepare import draft_run
+from flexbeams.scenarios.runs.scenario import prepare
+from flexbeams.scenarios.simulation.cosimulation import Plan
+from flexbeams.scenarios.simulation.stepping import stepper_library
+
+SCENARIO = "tracking"
+
+
+class Workbench:
+    """Design, units and loops of the benchmark's scenario; a context manager that frees the instances.
+
+    `notify` gets a line when units are built.
+    """
+
+    def __init__(
+        self,
+        steps: int,
+        compiler: str = "zig",
+        build_folder: Path = BUILD_FOLDER,
+        notify: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.steps, self.compiler, self._build, self._notify = steps, compiler, build_folder, notify
+        path, settings = find_scenario(SCENARIO), Settings(compiler=compiler, build_folder=build_folder)
+        scenario, self.design = prepare(path, settings)
+        scenario, draft = draft_run(path, scenario, self.design, settings, notify)
+        self._plan, self._starts, self.step = draft.plan, draft.starts, draft.step
+        self.model = draft.models["plant"]
+        self._files = self.units({n: (str(scenario.instance[n].unit), m) for n, m in draft.models.items()}, self.design)
+        self._stepper = stepper_library(build_folder, compiler)
+        self._library = bare_library(build_folder, compiler, self._files["feedforward"])
+        self.matrices = matrices_of(self.design, self.model)
+        self._stack = ExitStack()
+        self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="flexbeams_")))
+        self.preview = float(draft.starts.get("feedforward", {}).get("preview", 0.0))  # s
+        self.target = np.array(scenario.input[0].targets[0].value) if scenario.input[0].targets else np.zeros(4)  # m
+
+    def __enter__(self) -> "Workbench":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def units(self, units: Mapping[str, tuple[str, BeamModel]], design: Design) -> dict[str, Path]:
+        """FMUs by instance, for unit and model of each; missing ones are built."""
+        return ensure_units(units, design, self._build, self._notify, compiler=self.compiler)
+
+    def bare(self, transitions: TransitionSequence | None = None, matrices: Matrices | None = None) -> BareLoops:
+        """The bare loops, of the scenario's design unless other matrices are given."""
+        return BareLoops(self._library, matrices or self.matrices, self.step, transitions)
+
+    def numpy(self, transitions: TransitionSequence | None = None) -> NumpyLoops:
+        """The recursions in numpy, of the scenario's design."""
+        return NumpyLoops(self.design, self.matrices, transitions)
+
+    def unit_loop(
+        self, name: str, arrays: Sequence[str], rows: Array, starts: Starts | None = None, recorded: bool = False
+    ) -> Loop:
+        """The unit of an instance alone, its inputs `arrays` driven by rows (steps, their elements)."""
+        return self.file_loop(self._files[name], arrays, rows, starts, recorded=recorded)
+
+    def file_loop(
+        self,
+        file: Path,
+        arrays: Sequence[str],
+        rows: Array,
+        starts: Starts | None = None,
+        *,
+        folder: str = "",
+        recorded: bool = False,
+    ) -> Loop:
+        """The same for any native FMU; `folder` keeps units of one name apart."""
+        place = self._folder / folder
+        plan = unit_plan(file, place, arrays, rows, self.step, recorded)
+        return self._loop({"unit": file}, plan, {"unit": starts or {}}, place)
+
+    def closed_loop(self, recorded: bool) -> Loop:
+        """The scenario's loop, with what a run records or nothing."""
+        return self._loop(self._files, self._plan if recorded else without_recording(self._plan), self._starts)
+
+    def closed_run(self) -> dict[str, Array]:
+        """Every signal of the closed loop, (steps + 1,) each."""
+        plan = replace(self._plan, columns=list(self._plan.sources), recorded=list(self._plan.sources.values()))
+        loop = self._loop(self._files, plan, self._starts)
+        loop.start()
+        return loop.record(self.steps)
+
+    def closed_rows(self, targets: Array) -> Array:
+        """External signals of the closed loop with these targets (steps, points); forces are zero."""
+        rows = np.zeros((len(targets), sum(span.stop - span.start for span, _ in self._plan.external)))
+        rows[:, : targets.shape[1]] = targets
+        return rows
+
+    def targets(self) -> Array:
+        """The scenario's targets at each step, (steps, points)."""
+        signal = self._plan.external[0][1]
+        assert isinstance(signal, Signal)
+        return signal.sample(np.arange(self.steps, dtype=np.float64) * self.step)
+
+    def closed_transitions(self) -> TransitionSequence:
+        """The transitions of the closed loop's feedforward."""
+        return self.transitions(self.targets(), dict(self._starts["feedforward"]))
+
+    def transitions(self, rows: Array, starts: Starts) -> TransitionSequence:
+        """The transitions that targets (steps, points) cause, with the durations that the unit plans."""
+        loop = self.unit_loop("feedforward", ("y_target",), rows, starts)
+        loop.start()
+        begins = [k for k in range(1, len(rows)) if not np.array_equal(rows[k], rows[k - 1])]
+        changes = [self.design.arrays["static_inverse"] @ (rows[k] - rows[k - 1]) for k in begins]
+        durations, done = [], 0
+        for k in begins:
+            loop.advance(rows[done : k + 1], done)
+            durations.append(float(loop.instances["unit"].get("planned_time")))
+            done = k + 1
+        return TransitionSequence(
+            begins=np.array(begins, np.int64),
+            durations=np.array(durations),
+            changes=np.array(changes).reshape(len(begins), len(self.design.arrays["static_inverse"])),
+            preview=float(starts.get("preview", 0.0)),
+        )
+
+    def _loop(
+        self, files: Mapping[str, Path], plan: Plan, starts: Mapping[str, Starts], folder: Path | None = None
+    ) -> Loop:
+        loop = Loop(folder or self._folder, files, plan, starts, self._stepper, self.step)
+        self._stack.callback(loop.close)
+        return loop
