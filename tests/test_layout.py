@@ -48,7 +48,6 @@ BEING_SPLIT = "being split"
 LONG_MODULES = {
     "flexbeams.fmus.python.slave": BEING_SPLIT,
     "flexbeams.fmus.units.shipped": BEING_SPLIT,
-    "flexbeams.scenarios.bench.measure": BEING_SPLIT,
     "flexbeams.scenarios.importing.ssp": BEING_SPLIT,
     "flexbeams.scenarios.runs.scenario": BEING_SPLIT,
 }
@@ -62,12 +61,7 @@ LONG_FUNCTIONS = {
     "flexbeams.fmus.units.shipped.beam_plant": BEING_SPLIT,
     "flexbeams.fmus.units.shipped.flatness_feedforward": BEING_SPLIT,
     "flexbeams.fmus.units.shipped.tracking_controller": BEING_SPLIT,
-    "flexbeams.scenarios.bench.bare_loops.BareLoops.__init__": BEING_SPLIT,
-    "flexbeams.scenarios.bench.masters.measure_masters": BEING_SPLIT,
-    "flexbeams.scenarios.bench.measure.Bench.measure": BEING_SPLIT,
     "flexbeams.scenarios.cli.run.run": BEING_SPLIT,
-    "flexbeams.scenarios.exporting.source_signals.source_signals": BEING_SPLIT,
-    "flexbeams.scenarios.exporting.ssp.structure_document": BEING_SPLIT,
 }
 RISING_IMPORTS = {
     ("flexbeams.scenarios.report.report", "flexbeams.scenarios.runs.scenario"): BEING_SPLIT,
