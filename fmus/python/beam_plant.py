@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from flexbeams.fmus.python.slave import Unit, UnitError
+from flexbeams.fmus.python.kernel import UnitError
+from flexbeams.fmus.python.slave import Unit
 from flexbeams.plant.assembly import Term, assemble
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.errors import DesignError
@@ -15,7 +16,7 @@ from flexbeams.plant.errors import DesignError
 _MASK = 2**64 - 1
 
 
-def mixed(key: int) -> int:
+def splitmix64(key: int) -> int:
     """The 64-bit finaliser of SplitMix64 (Steele, Lea and Flood 2014)."""
     key = ((key ^ (key >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
     key = ((key ^ (key >> 27)) * 0x94D049BB133111EB) & _MASK
@@ -24,9 +25,9 @@ def mixed(key: int) -> int:
 
 def normal_number(seed: int, tick: int, channel: int) -> float:
     """A standard normal number for a seed, sample and channel: order and step size do not matter (Box-Muller)."""
-    key = mixed((mixed((mixed((seed + 0x9E3779B97F4A7C15) & _MASK) + tick) & _MASK) + channel) & _MASK)
+    key = splitmix64((splitmix64((splitmix64((seed + 0x9E3779B97F4A7C15) & _MASK) + tick) & _MASK) + channel) & _MASK)
     first = ((key >> 11) + 0.5) / 2**53
-    second = (mixed((key + 0x9E3779B97F4A7C15) & _MASK) >> 11) / 2**53
+    second = (splitmix64((key + 0x9E3779B97F4A7C15) & _MASK) >> 11) / 2**53
     return math.sqrt(-2 * math.log(first)) * math.cos(2 * math.pi * second)
 
 
@@ -37,10 +38,10 @@ class BeamPlant(Unit):
         """Views of the variables; the state is x = (R_K' q, R_M' q')."""
         self._u = self.view("u")
         self._inputs = self.values[self.span("u").start : self.span("force").stop]
-        # y_pi, y_pm and w stand side by side, so one product fills them
-        self._shown = self.values[self.span("y_pi").start : self.span("w").stop]
+        # y_pi, y_pm and w are contiguous, so one product fills them
+        self._observed = self.values[self.span("y_pi").start : self.span("w").stop]
         self._y_pm = self.view("y_pm")
-        self._energy, self._deviation = self.view("energy"), self.view("strain_noise_std")
+        self._energy, self._noise_std = self.view("energy"), self.view("strain_noise_std")
         self._x = self.state_array("x", 2 * int(self.meta["size"]))
         self._q = self._x[: len(self._x) // 2]
         self._terms = [
@@ -59,10 +60,10 @@ class BeamPlant(Unit):
             self._form.position.T @ (self._L @ self.view("start_at_rest_under")),
         )
         self._x[n:] = 0.0
-        self._put_out(self.values[0])
+        self._write_outputs(self.values[0])
 
     def restore(self) -> None:
-        """Matrices for the restored parameters."""
+        """Compute the matrices for the restored parameters."""
         self._build()
 
     def advance(self, time: float, step: float) -> None:
@@ -73,18 +74,18 @@ class BeamPlant(Unit):
                 self._steps.clear()
             transition = self._steps[step] = np.hstack(discretise(self._form.A, self._form.B, step))
         self._x[:] = transition @ np.concatenate((self._x, self._inputs))
-        self._put_out(time + step)
+        self._write_outputs(time + step)
 
-    def _put_out(self, time: float) -> None:
-        self._shown[:] = self._outputs @ self._q
+    def _write_outputs(self, time: float) -> None:
+        self._observed[:] = self._outputs @ self._q
         self._energy[0] = 0.5 * (self._x @ self._x)
-        if self._deviation[0] > 0:
+        if self._noise_std[0] > 0:
             seed = int(self.view("noise_seed")[0])
             tick = math.floor(time / self.meta["sample_time"] + 1e-6)
-            self._y_pm += self._deviation[0] * np.array([normal_number(seed, tick, k) for k in range(len(self._y_pm))])
+            self._y_pm += self._noise_std[0] * np.array([normal_number(seed, tick, k) for k in range(len(self._y_pm))])
 
     def _build(self) -> None:
-        """Matrices of the present parameters; nothing is done where these are the same as before."""
+        """Compute the matrices where the parameters have changed."""
         parameters = self.physical_parameters()
         if (key := np.array(list(parameters.values())).tobytes()) == self._built:
             return

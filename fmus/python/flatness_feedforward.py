@@ -6,7 +6,8 @@ import numpy as np
 
 from flexbeams.controller.planner import InputShapes, Motion, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
-from flexbeams.fmus.python.slave import Unit, UnitError
+from flexbeams.fmus.python.kernel import UnitError
+from flexbeams.fmus.python.slave import Unit
 
 SLOTS = 8  # transitions under way at once
 ROUNDING = 1e-12  # m: a host that interpolates a constant target moves it by less

@@ -18,31 +18,31 @@ import hashlib
 import json
 import math
 import sys
-from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 from pythonfmu import Fmi2Slave
-from pythonfmu.enums import Fmi2Status
 
+from flexbeams.fmus.python.checks import (
+    INITIALISING,
+    INSTANTIATED,
+    STEPPING,
+    TERMINATED,
+    require_phase,
+    require_settable,
+    variable_of,
+)
+from flexbeams.fmus.python.kernel import Kernel, UnitError, failure_text, one_line
 from flexbeams.fmus.python.snapshot import pack_state, unpack_state
 from flexbeams.fmus.python.tables import read_tables
 
 Value = TypeVar("Value")
 Arguments = ParamSpec("Arguments")
-cached_calls = 256
-phases = ("just instantiated", "in initialization mode", "initialised", "terminated")
-
-
-class UnitError(Exception):
-    """A call the unit refuses; its text becomes the line in the log, where the wrapper writes its repr."""
-
-    def __repr__(self) -> str:
-        return str(self)
+CACHED_CALLS = 256
 
 
 def entry(function: Callable[Concatenate[Unit, Arguments], Value]) -> Callable[Concatenate[Unit, Arguments], Value]:
@@ -58,93 +58,31 @@ def entry(function: Callable[Concatenate[Unit, Arguments], Value]) -> Callable[C
     return guarded
 
 
-class Unit(Fmi2Slave):  # type: ignore[misc]
-    """A co-simulation unit. A kernel derives from it and fills in the four hooks.
-
-    `values` (n,) holds every Real, Integer and Boolean variable at its value reference, `data` the arrays and
-    `meta` the plain values of the data file. What changes in a step must live in `values` or in a
-    `state_array`: together with phase and time these are the FMU state.
-    """
-
-    instantiated, initialising, stepping, terminated = range(4)
+class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
+    """A co-simulation unit. The class of a unit derives from it and fills in the hooks of `Kernel`."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         resources = kwargs["resources"]
         while sys.path.count(resources) > 1:  # the wrapper adds it again for every instance
             sys.path.remove(resources)
-        self._tables = read_tables(Path(resources) / "data.npz")
+        self._load(read_tables(Path(resources) / "data.npz"))
         self._digest = hashlib.sha256(self._tables.digest + type(self).__module__.encode()).digest()
         self.modelName = self._tables.unit_name
-        self.data = self._tables.data
-        self.meta = self._tables.meta
-        self.values: NDArray[np.float64] = self._tables.values.copy()
-        self._texts = dict(self._tables.texts)
-        self._state: dict[str, NDArray[Any]] = {}
         self._time = 0.0
         self._failure: str | None = None
         self._stale = True
-        self._constructing = True
-        self._early_lines: list[tuple[str, Fmi2Status]] = []
-        self._enter(self.instantiated)
+        self._enter(INSTANTIATED)
         self.setup()
         self._constructing = False
-
-    # Hooks of the kernel
-
-    def setup(self) -> None:
-        """Once, at construction: take views, allocate state arrays."""
-
-    def initialise(self) -> None:
-        """Compute the first state and outputs from parameters and inputs.
-
-        Runs at the end of the initialisation, and before it whenever a value is read after one was set: it
-        must not build on its own earlier results.
-        """
-
-    def restore(self) -> None:
-        """After values and state arrays were replaced by saved ones: rebuild what derives from them."""
-
-    @abstractmethod
-    def advance(self, time: float, step: float) -> None:
-        """Move state and outputs from `time` to `time + step` (s), the inputs held."""
-
-    # Services for the kernel
-
-    def span(self, name: str) -> slice:
-        """Positions in `values` of an array variable or of a scalar one."""
-        if name not in self._tables.spans:
-            raise UnitError(f"{self.modelName} has no variable {name}")
-        return self._tables.spans[name]
-
-    def view(self, name: str) -> NDArray[np.float64]:
-        """The values of an array variable, or of a scalar one as an array of length 1; not a copy."""
-        return self.values[self.span(name)]
-
-    def text(self, name: str) -> str:
-        """Value of a String variable."""
-        return self._texts[self.span(name).start]
-
-    def state_array(self, name: str, shape: int | Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[Any]:
-        """A zeroed array that is part of the FMU state; to be written in place."""
-        if name in self._state:
-            raise UnitError(f"state array {name} exists already")
-        array = np.zeros(shape, dtype)
-        self._state[name] = array
-        return array
-
-    def warn(self, message: str) -> None:
-        self._say(Fmi2Status.warning, message)
-
-    def note(self, message: str) -> None:
-        self._say(Fmi2Status.ok, message)
 
     # Life cycle, called by the wrapper
 
     @entry
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
+        """fmi2SetupExperiment, times in s."""
         self._release_early_lines()
-        self._require("fmi2SetupExperiment", self.instantiated)
+        require_phase("fmi2SetupExperiment", INSTANTIATED, self._phase)
         if not math.isfinite(start_time):
             raise UnitError(f"startTime must be finite, got {start_time!r}")
         if stop_time is not None and not stop_time > start_time:
@@ -153,21 +91,24 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
 
     @entry
     def enter_initialization_mode(self) -> None:
+        """fmi2EnterInitializationMode."""
         self._release_early_lines()
-        self._require("fmi2EnterInitializationMode", self.instantiated)
-        self._enter(self.initialising)
+        require_phase("fmi2EnterInitializationMode", INSTANTIATED, self._phase)
+        self._enter(INITIALISING)
 
     @entry
     def exit_initialization_mode(self) -> None:
-        self._require("fmi2ExitInitializationMode", self.initialising)
+        """fmi2ExitInitializationMode: first state and outputs."""
+        require_phase("fmi2ExitInitializationMode", INITIALISING, self._phase)
         self._refresh()
-        self._enter(self.stepping)
+        self._enter(STEPPING)
 
     @entry
     def do_step(self, current_time: float, step_size: float) -> bool:
+        """fmi2DoStep from `current_time` by `step_size` (s)."""
         if self._failure is not None:
             raise UnitError(f"fmi2DoStep is refused until fmi2Reset, the instance failed: {self._failure}")
-        self._require("fmi2DoStep", self.stepping)
+        require_phase("fmi2DoStep", STEPPING, self._phase)
         if not 0.0 < step_size < math.inf:
             raise UnitError(f"communicationStepSize must be finite and > 0, got {step_size!r}")
         if not abs(current_time - self._time) <= 1e-6 * step_size + 1e-9 * abs(self._time):
@@ -180,14 +121,16 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
 
     @entry
     def terminate(self) -> None:
-        self._require("fmi2Terminate", self.stepping)
-        self._enter(self.terminated)
+        """fmi2Terminate."""
+        require_phase("fmi2Terminate", STEPPING, self._phase)
+        self._enter(TERMINATED)
 
     # Values, called by the wrapper
 
     # The calls of every step guard themselves: `entry` would cost them a tenth
 
     def get_real(self, references: list[int]) -> list[float]:
+        """fmi2GetReal."""
         try:
             selector = self._readable.get(tuple(references))
             if selector is not None:
@@ -199,9 +142,11 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
 
     @entry
     def get_integer(self, references: list[int]) -> list[int]:
+        """fmi2GetInteger."""
         return self._get("Integer", references, int)
 
     def get_boolean(self, references: list[int]) -> list[bool]:
+        """fmi2GetBoolean."""
         try:
             selector = self._readable_booleans.get(tuple(references))
             if selector is not None:
@@ -212,9 +157,11 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
 
     @entry
     def get_string(self, references: list[int]) -> list[str]:
+        """fmi2GetString."""
         return self._get("String", references, str)
 
     def set_real(self, references: list[int], values: list[float]) -> None:
+        """fmi2SetReal."""
         try:
             selector = self._writable.get(tuple(references))
             if selector is None or not math.isfinite(sum(values)):
@@ -226,14 +173,17 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
 
     @entry
     def set_integer(self, references: list[int], values: list[int]) -> None:
+        """fmi2SetInteger."""
         self._set("Integer", references, values)
 
     @entry
     def set_boolean(self, references: list[int], values: list[bool]) -> None:
+        """fmi2SetBoolean."""
         self._set("Boolean", references, values)
 
     @entry
     def set_string(self, references: list[int], values: list[str]) -> None:
+        """fmi2SetString."""
         self._set("String", references, values)
 
     # FMU state: always the serialised bytes, so that saving and serialising are one
@@ -290,105 +240,45 @@ class Unit(Fmi2Slave):  # type: ignore[misc]
 
     def _get(self, kind: str, references: list[int], convert: Callable[[Any], Value]) -> list[Value]:
         for reference in references:
-            self._variable(reference, kind)
-        if self._phase == self.initialising:
+            variable_of(self._tables.variables, reference, kind)
+        if self._phase == INITIALISING:
             self._refresh()
         if kind == "String":
             return [convert(self._texts[reference]) for reference in references]
         key = tuple(references)
         selector = _selector(key)
         cache = {"Real": self._readable, "Boolean": self._readable_booleans}.get(kind)
-        if cache is not None and self._phase != self.initialising and len(cache) < cached_calls:
+        if cache is not None and self._phase != INITIALISING and len(cache) < CACHED_CALLS:
             cache[key] = selector
         return [convert(value) for value in self.values[selector].tolist()]
 
     def _set(self, kind: str, references: list[int], values: Sequence[Any]) -> None:
-        if self._phase == self.terminated:
+        if self._phase == TERMINATED:
             raise UnitError("no variable can be set after fmi2Terminate")
-        variables = [self._variable(reference, kind) for reference in references]
+        variables = [variable_of(self._tables.variables, reference, kind) for reference in references]
         for variable, value in zip(variables, values, strict=True):
-            self._check(variable, value)
+            require_settable(variable, value, self._phase)
         if kind == "String":
             self._texts.update(zip(references, values, strict=True))
         else:
             selector = _selector(tuple(references))
             self.values[selector] = values
             only_inputs = kind == "Real" and all(v["causality"] == "input" for v in variables)
-            if only_inputs and self._phase == self.stepping and len(self._writable) < cached_calls:
+            if only_inputs and self._phase == STEPPING and len(self._writable) < CACHED_CALLS:
                 self._writable[tuple(references)] = selector
         self._stale = True
-
-    def _variable(self, reference: int, kind: str) -> dict[str, Any]:
-        variables = self._tables.variables
-        if not 0 <= reference < len(variables):
-            unsigned = reference % 2**32
-            raise UnitError(f"value reference must be within 0..{len(variables) - 1}, got {unsigned}")
-        variable = variables[reference]
-        if variable["type"] != kind:
-            raise UnitError(f"{variable['name']} is {variable['type']}, got a call for {kind}")
-        return variable
-
-    def _check(self, variable: dict[str, Any], value: Any) -> None:
-        """Refuse what may not be set now, and values that are not finite or, of a parameter, out of bounds."""
-        name, causality = variable["name"], variable["causality"]
-        if causality not in ("input", "parameter"):
-            raise UnitError(f"{name} is {causality} and cannot be set, got {value!r}")
-        if variable["variability"] == "fixed" and self._phase == self.stepping:
-            raise UnitError(f"{name} is fixed and cannot be set after initialisation, got {value!r}")
-        if variable["type"] == "String":
-            return
-        if not math.isfinite(value):
-            raise UnitError(f"{name} must be finite, got {value!r}")
-        if causality == "parameter":
-            minimum, maximum = variable.get("minimum"), variable.get("maximum")
-            if minimum is not None and value < minimum:
-                raise UnitError(f"{name} must be >= {minimum!r}, got {value!r}")
-            if maximum is not None and value > maximum:
-                raise UnitError(f"{name} must be <= {maximum!r}, got {value!r}")
-
-    def _require(self, function: str, phase: int) -> None:
-        if self._phase != phase:
-            raise UnitError(f"{function} needs an instance {phases[phase]}, this one is {phases[self._phase]}")
 
     def _fail(self, error: BaseException) -> NoReturn:
         """Mark the instance as failed, after which it steps no more, and raise with spare references.
 
         Lines still in the queue join the error's text: to read them while the error is pending would lose it.
         """
-        try:
-            text = str(error)
-            if not isinstance(error, UnitError):
-                last = error.__traceback__
-                while last is not None and last.tb_next is not None:
-                    last = last.tb_next
-                place = f" (line {last.tb_lineno} of {last.tb_frame.f_code.co_name})" if last else ""
-                text = f"{type(error).__name__}: {text}{place}"
-        except Exception:
-            text = type(error).__name__
-        text = "; ".join([*(line.msg for line in self.log_queue), _one_line(text)])
+        text = "; ".join([*(line.msg for line in self.log_queue), one_line(failure_text(error))])
         self.log_queue.clear()
         self._failure = self._failure or text
         for released in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(released))
         raise UnitError(text) from None
-
-    def _say(self, status: Fmi2Status, message: str) -> None:
-        """Queue one line; during construction keep it until the wrapper reads the log."""
-        line = _one_line(message)
-        if self._constructing:
-            self._early_lines.append((line, status))
-        else:
-            self.log(line, status)
-
-    def _release_early_lines(self) -> None:
-        for line, status in self._early_lines:
-            self.log(line, status)
-        self._early_lines.clear()
-
-
-def _one_line(text: str) -> str:
-    """The text without line breaks and without what UTF-8 cannot hold, on which the wrapper would crash."""
-    return " ".join(text.splitlines()).encode("utf-8", "replace").decode("utf-8")
 
 
 def _little_endian(array: NDArray[Any]) -> bytes:

@@ -32,7 +32,7 @@ from flexbeams.fmus.packaging.python import (
     bundled_script,
     write_sources,
 )
-from flexbeams.fmus.python.slave import UnitError
+from flexbeams.fmus.python.kernel import UnitError
 from tests.units import lag_interface as lag
 from tests.units.lag import Lag
 from tests.units.lag_interface import lag_unit, step_size
@@ -535,15 +535,18 @@ def test_every_content_changes_guid_and_module_name(tmp_path: Path, changed: str
     ("text", "message"),
     [
         (
-            "import plant.structure\n",
-            "must import from this project by `from ... import` at the top, got plant.structure",
+            "import flexbeams.plant.structure\n",
+            "must import from this project by `from ... import` at the top, got flexbeams.plant.structure",
         ),
-        ("def f():\n    import fmus.data\n", "at the top, got fmus.data"),
+        ("def f():\n    import flexbeams.fmus\n", "at the top, got flexbeams.fmus"),
         ("from . import helper\n", "at the top, got ."),
         ("x = 1\n", "one class must derive from Unit, got none"),
         ("class A(Unit): ...\nclass B(Unit): ...\n", "one class must derive from Unit, got A, B"),
-        ("from fmus.python.nowhere import x\n", "must import plain names of a module of this project, got from fmus"),
-        ("from fmus.python.slave import UnitError as E\n", "must import plain names"),
+        (
+            "from flexbeams.fmus.python.nowhere import x\n",
+            "must import plain names of a module of this project, got from flexbeams.fmus",
+        ),
+        ("from flexbeams.fmus.python.kernel import UnitError as E\n", "must import plain names"),
         ("def pack_state():\n    pass\n", "pack_state must be defined once in a unit"),
         ("class A(Unit):\n    pass\n", "pythonfmu could not build the unit"),
         ("import no_such_module\nclass A(Unit):\n    def advance(self, t, h): ...\n", "no_such_module"),
@@ -551,7 +554,7 @@ def test_every_content_changes_guid_and_module_name(tmp_path: Path, changed: str
 )
 def test_kernels_that_cannot_be_bundled_are_refused(tmp_path: Path, text: str, message: str) -> None:
     kernel = tmp_path / "kernel.py"
-    kernel.write_text("from fmus.python.slave import Unit\n" + text)
+    kernel.write_text("from flexbeams.fmus.python.slave import Unit\n" + text)
     with pytest.raises(BuildError, match=message.replace(".", r"\.")):
         build_python_unit(lag.lag_interface(), {}, {}, kernel, tmp_path / "x.fmu")
     assert not (tmp_path / "x.fmu").exists()
@@ -561,18 +564,18 @@ def test_project_modules_are_joined_before_the_kernel(tmp_path: Path) -> None:
     kernel = tmp_path / "kernel.py"
     text = lag_unit(tmp_path).kernel_file.read_text(encoding="utf-8")
     kernel.write_text(
-        text.replace("import numpy as np\n", "import numpy as np\n\nfrom fmus.errors import BuildError\n")
+        text.replace("import numpy as np\n", "import numpy as np\n\nfrom flexbeams.plant.errors import InputError\n")
     )
     script, name = bundled_script(kernel)
-    parts = ("class BuildError", "class Tables", "class Unit(", "class Lag(")
+    parts = ("class InputError", "class Tables", "class Kernel(", "class Unit(", "class Lag(")
     assert name == "Lag"
     assert sorted(parts, key=script.index) == [*parts]
     assert all(script.count(part) == 1 for part in parts)
-    assert "from fmus" not in script
+    assert "from flexbeams" not in script
 
 
 def test_unit_needs_nothing_of_the_project(folder: str, tmp_path: Path) -> None:
-    code = "import fmpy, sys; print(len(fmpy.simulate_fmu(sys.argv[1], stop_time=0.01)), 'fmus' in sys.modules)"
+    code = "import fmpy, sys; print(len(fmpy.simulate_fmu(sys.argv[1], stop_time=0.01)), 'flexbeams' in sys.modules)"
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, "-c", code, f"{folder}/lag.fmu"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)

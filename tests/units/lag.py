@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexbeams.fmus.python.slave import Unit, UnitError
+from flexbeams.fmus.python.kernel import UnitError
+from flexbeams.fmus.python.slave import Unit
 
 
 class Lag(Unit):
