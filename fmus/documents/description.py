@@ -7,15 +7,15 @@ hash it together with the kernel and its data (`content_guid`), then write it ag
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 from flexbeams.fmus.documents.xml_documents import xml_bytes
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable
 
-author = "flexbeams contributors"
-log_categories = {
+AUTHOR = "flexbeams contributors"
+LOG_CATEGORIES = {
     "logStatusWarning": "Messages with status fmi2Warning",
     "logStatusDiscard": "Messages with status fmi2Discard",
     "logStatusError": "Messages with status fmi2Error",
@@ -33,38 +33,23 @@ def model_description(
     source_files: Sequence[str] = (),
 ) -> bytes:
     """The complete modelDescription.xml (FMI 2.0, co-simulation) in UTF-8; same arguments, same bytes."""
-    root = ElementTree.Element("fmiModelDescription", _present(
-        fmiVersion="2.0",
-        modelName=interface.unit_name,
-        guid=guid,
-        description=interface.description,
-        author=author,
-        version=version,
-        license=license,
-        generationTool="flexbeams",
-        variableNamingConvention="structured",
-    ))  # fmt: skip
+    attributes = {
+        "fmiVersion": "2.0",
+        "modelName": interface.unit_name,
+        "guid": guid,
+        "description": interface.description,
+        "author": AUTHOR,
+        "version": version,
+        "license": license,
+        "generationTool": "flexbeams",
+        "variableNamingConvention": "structured",
+    }
+    root = ElementTree.Element("fmiModelDescription", _present(attributes))
     root.set("guid", guid)  # required, even while empty
-    co_simulation = ElementTree.SubElement(root, "CoSimulation", {
-        "modelIdentifier": interface.unit_name,
-        "needsExecutionTool": _text(interface.needs_execution_tool),
-        "canHandleVariableCommunicationStepSize": _text(interface.can_handle_variable_step),
-        "canInterpolateInputs": _text(interface.can_interpolate_inputs),
-        "maxOutputDerivativeOrder": "0",
-        "canRunAsynchronuously": "false",
-        "canBeInstantiatedOnlyOncePerProcess": _text(interface.can_be_instantiated_only_once),
-        "canNotUseMemoryManagementFunctions": _text(interface.cannot_use_memory_management),
-        "canGetAndSetFMUstate": _text(interface.can_get_and_set_state),
-        "canSerializeFMUstate": _text(interface.can_serialize_state),
-        "providesDirectionalDerivative": "false",
-    })  # fmt: skip
-    if source_files:
-        files = ElementTree.SubElement(co_simulation, "SourceFiles")
-        for name in source_files:
-            ElementTree.SubElement(files, "File", name=name)
+    _add_co_simulation(root, interface, source_files)
     _add_units(root, interface)
     categories = ElementTree.SubElement(root, "LogCategories")
-    for name, meaning in log_categories.items():
+    for name, meaning in LOG_CATEGORIES.items():
         ElementTree.SubElement(categories, "Category", name=name, description=meaning)
     ElementTree.SubElement(
         root,
@@ -90,24 +75,46 @@ def content_guid(*contents: bytes) -> str:
     return f"{{{digits[:8]}-{digits[8:12]}-{digits[12:16]}-{digits[16:20]}-{digits[20:32]}}}"
 
 
+def _add_co_simulation(root: ElementTree.Element, interface: Interface, source_files: Sequence[str]) -> None:
+    attributes = {
+        "modelIdentifier": interface.unit_name,
+        "needsExecutionTool": _text(interface.needs_execution_tool),
+        "canHandleVariableCommunicationStepSize": _text(interface.can_handle_variable_step),
+        "canInterpolateInputs": _text(interface.can_interpolate_inputs),
+        "maxOutputDerivativeOrder": "0",
+        "canRunAsynchronuously": "false",
+        "canBeInstantiatedOnlyOncePerProcess": _text(interface.can_be_instantiated_only_once),
+        "canNotUseMemoryManagementFunctions": _text(interface.cannot_use_memory_management),
+        "canGetAndSetFMUstate": _text(interface.can_get_and_set_state),
+        "canSerializeFMUstate": _text(interface.can_serialize_state),
+        "providesDirectionalDerivative": "false",
+    }
+    element = ElementTree.SubElement(root, "CoSimulation", attributes)
+    if source_files:
+        files = ElementTree.SubElement(element, "SourceFiles")
+        for name in source_files:
+            ElementTree.SubElement(files, "File", name=name)
+
+
 def _add_units(root: ElementTree.Element, interface: Interface) -> None:
     used = {variable.unit for variable in interface}
     definitions = ElementTree.SubElement(root, "UnitDefinitions")
-    for name, powers in BASE_UNITS.items():
+    for name, powers in SI_UNITS.items():
         if name in used:
             unit = ElementTree.SubElement(definitions, "Unit", name=name)
             ElementTree.SubElement(unit, "BaseUnit", {base: str(power) for base, power in powers.items()})
 
 
 def _add_variable(variables: ElementTree.Element, reference: int, variable: Variable) -> None:
-    scalar = ElementTree.SubElement(variables, "ScalarVariable", _present(
-        name=variable.name,
-        valueReference=str(reference),
-        description=variable.description,
-        causality=variable.causality,
-        variability=variable.variability,
-        initial=variable.initial or "",
-    ))  # fmt: skip
+    attributes = {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "description": variable.description,
+        "causality": variable.causality,
+        "variability": variable.variability,
+        "initial": variable.initial or "",
+    }
+    scalar = ElementTree.SubElement(variables, "ScalarVariable", _present(attributes))
     numbers = {
         "unit": variable.unit,
         "min": variable.minimum,
@@ -115,8 +122,8 @@ def _add_variable(variables: ElementTree.Element, reference: int, variable: Vari
         "nominal": variable.nominal,
         "start": variable.start,
     }
-    attributes = {name: _text(value) for name, value in numbers.items() if value is not None}
-    ElementTree.SubElement(scalar, variable.type, attributes)
+    given = {name: _text(value) for name, value in numbers.items() if value is not None}
+    ElementTree.SubElement(scalar, variable.type, given)
 
 
 def _add_structure(root: ElementTree.Element, interface: Interface) -> None:
@@ -143,7 +150,8 @@ def _add_structure(root: ElementTree.Element, interface: Interface) -> None:
         ElementTree.SubElement(node, "Unknown", index=str(i), dependencies=dependencies)
 
 
-def _present(**attributes: str) -> dict[str, str]:
+def _present(attributes: Mapping[str, str]) -> dict[str, str]:
+    """The attributes that are not empty."""
     return {name: value for name, value in attributes.items() if value}
 
 

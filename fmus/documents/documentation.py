@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from flexbeams.fmus.documents.description import log_categories
+from flexbeams.fmus.documents.description import LOG_CATEGORIES
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.interface.variables import Interface, Variable
 
@@ -142,7 +142,7 @@ def documentation_page(interface: Interface, picture: bytes, chapter: Chapter | 
         "<h2>Errors and log</h2>",
         "<p>A refused call returns fmi2Error and writes one line that names function, variable and value; no step is "
         "done until fmi2Reset or fmi2SetFMUstate. Categories of the log:</p>",
-        table(("category", "lines"), log_categories.items()),
+        table(("category", "lines"), LOG_CATEGORIES.items()),
         "<h2>Contents</h2>",
         "<p>The unit needs nothing but itself. <code>sources</code> holds all of it in strict C99; "
         f"{chapter.generated}, the other files are the same for every design. Compile with "

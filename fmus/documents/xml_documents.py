@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from xml.etree import ElementTree
 
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 
 SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 SSC, SSD, SSV = f"{SSP}Common", f"{SSP}Description", f"{SSP}ParameterValues"
@@ -34,14 +34,14 @@ def parameter_set(name: str, entries: Iterable[Entry], version: str = "1.0") -> 
 
 def unit_attribute(unit: str | None) -> dict[str, str]:
     """The attribute of a connector or parameter; none for a unit that is not defined here."""
-    return {"unit": unit} if unit is not None and unit in BASE_UNITS else {}
+    return {"unit": unit} if unit is not None and unit in SI_UNITS else {}
 
 
 def add_units(root: ElementTree.Element, used: Iterable[str | None], tag: str) -> None:
     """Definitions of the units that are used and known here."""
     wanted = set(used)
-    if known := [name for name in BASE_UNITS if name in wanted]:
+    if known := [name for name in SI_UNITS if name in wanted]:
         units = ElementTree.SubElement(root, tag)
         for name in known:
             unit = ElementTree.SubElement(units, "ssc:Unit", name=name)
-            ElementTree.SubElement(unit, "ssc:BaseUnit", {b: str(power) for b, power in BASE_UNITS[name].items()})
+            ElementTree.SubElement(unit, "ssc:BaseUnit", {b: str(power) for b, power in SI_UNITS[name].items()})

@@ -3,7 +3,7 @@
 Names follow FMI's advice: `.` multiplies, digits are powers, at most one `/`.
 """
 
-BASE_UNITS: dict[str, dict[str, int]] = {
+SI_UNITS: dict[str, dict[str, int]] = {
     "1": {},
     "s": {"s": 1},
     "m": {"m": 1},

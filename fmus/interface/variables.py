@@ -16,15 +16,15 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, NoReturn
 
 from flexbeams.fmus.errors import InterfaceError
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 
-type_names = ("Real", "Integer", "Boolean", "String")
-_identifier = r"[A-Za-z_]\w*(\[[1-9]\d*(,[1-9]\d*)*\])?"
-_structured_name = re.compile(rf"{_identifier}(\.{_identifier})*", re.ASCII)
-_indices = re.compile(r"\[[\d,]*\]")
+TYPE_NAMES = ("Real", "Integer", "Boolean", "String")
+_IDENTIFIER = r"[A-Za-z_]\w*(\[[1-9]\d*(,[1-9]\d*)*\])?"
+_STRUCTURED_NAME = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*", re.ASCII)
+_INDICES = re.compile(r"\[[\d,]*\]")
 
 # FMI 2.0.4, table of section 2.2.7: the first entry is the default of `initial`.
-_legal_initial: dict[tuple[str, str], tuple[str | None, ...]] = {
+_LEGAL_INITIAL: dict[tuple[str, str], tuple[str | None, ...]] = {
     ("independent", "continuous"): (None,),
     ("parameter", "fixed"): ("exact",),
     ("parameter", "tunable"): ("exact",),
@@ -51,7 +51,7 @@ class Variable:
     variability: str = ""
     initial: str | None = None
     start: float | int | bool | str | None = None
-    unit: str | None = None  # Real only, a key of BASE_UNITS
+    unit: str | None = None  # Real only, a key of SI_UNITS
     minimum: float | None = None
     maximum: float | None = None
     nominal: float | None = None  # Real only
@@ -59,17 +59,17 @@ class Variable:
     initial_inputs: tuple[str, ...] = ()  # arrays of inputs that the value after initialisation depends on
 
     def __post_init__(self) -> None:
-        if not _structured_name.fullmatch(self.name):
+        if not _STRUCTURED_NAME.fullmatch(self.name):
             raise InterfaceError(f"variable name must be structured, indices from 1, got {self.name!r}")
-        if self.type not in type_names:
-            self._refuse("type", f"one of {', '.join(type_names)}", self.type)
+        if self.type not in TYPE_NAMES:
+            self._refuse("type", f"one of {', '.join(TYPE_NAMES)}", self.type)
         if not self.variability:
             continuous = self.type == "Real" and self.causality != "parameter"
             default = "continuous" if continuous else "fixed" if self.causality == "parameter" else "discrete"
             object.__setattr__(self, "variability", default)
         if self.type != "Real" and self.variability == "continuous":
             self._refuse("variability", f"discrete, fixed or tunable for {self.type}", self.variability)
-        legal = _legal_initial.get((self.causality, self.variability))
+        legal = _LEGAL_INITIAL.get((self.causality, self.variability))
         if legal is None:
             self._refuse("causality and variability", "a pair FMI allows", (self.causality, self.variability))
         if self.initial is None:
@@ -82,13 +82,13 @@ class Variable:
         self._check_values()
         if self.type != "Real" and (self.unit is not None or self.nominal is not None):
             self._refuse("unit and nominal", f"absent for {self.type}", (self.unit, self.nominal))
-        if self.unit is not None and self.unit not in BASE_UNITS:
-            self._refuse("unit", f"one of {', '.join(BASE_UNITS)}", self.unit)
+        if self.unit is not None and self.unit not in SI_UNITS:
+            self._refuse("unit", f"one of {', '.join(SI_UNITS)}", self.unit)
 
     @property
     def array(self) -> str:
         """Name of the array this is an element of: u for u[2], beam[].tip_mass for beam[2].tip_mass."""
-        return _indices.sub("[]", self.name).removesuffix("[]")
+        return _INDICES.sub("[]", self.name).removesuffix("[]")
 
     def _check_values(self) -> None:
         numbers = ("minimum", "maximum", "nominal")

@@ -29,12 +29,12 @@ from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.plant.archive import npz_bytes, write_whole, zip_bytes
 
-_root = Path(__file__).parents[2]
-_project = "flexbeams"
+_ROOT = Path(__file__).parents[2]
+_PROJECT = "flexbeams"
 
 # The wrapper runs the entry module once more for every instance: classes defined here would pile up. It
 # also releases a reference to the module's dictionary that it does not own; one more makes up for it.
-_entry = '''"""{unit}: entry for the pythonfmu wrapper."""
+_ENTRY = '''"""{unit}: entry for the pythonfmu wrapper."""
 
 import ctypes
 
@@ -43,7 +43,7 @@ from {name}_kernel import {class_name}
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 '''
 
-_builder = """
+_BUILDER = """
 import json, sys
 from pythonfmu.builder import FmuBuilder
 
@@ -107,7 +107,7 @@ def write_sources(unit: PythonUnit, folder: Path, **attributes: str) -> tuple[st
     guid = content_guid(model_description(interface, **attributes), script.encode(), data, wrapper)
     snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", interface.unit_name).lower()
     name = f"flexbeams_{snake}_{guid.replace('-', '')[1:13]}"
-    entry = _entry.format(unit=interface.unit_name, name=name, class_name=class_name)
+    entry = _ENTRY.format(unit=interface.unit_name, name=name, class_name=class_name)
     (folder / f"{name}.py").write_text(entry, encoding="utf-8", newline="\n")
     (folder / f"{name}_kernel.py").write_text(script, encoding="utf-8", newline="\n")
     (folder / "data.npz").write_bytes(data)
@@ -155,8 +155,8 @@ def _bundle(path: Path, modules: dict[Path, str], owners: dict[str, Path]) -> No
         for name in _defined(node):
             if owners.setdefault(name, path) != path:
                 raise BuildError(f"{path}: {name} must be defined once in a unit, {owners[name]} has it too")
-        if isinstance(node, ast.ImportFrom) and _top(node.module) == _project and node.level == 0:
-            part = (_root / (node.module or "").removeprefix(f"{_project}.").replace(".", "/")).with_suffix(".py")
+        if isinstance(node, ast.ImportFrom) and _top(node.module) == _PROJECT and node.level == 0:
+            part = (_ROOT / (node.module or "").removeprefix(f"{_PROJECT}.").replace(".", "/")).with_suffix(".py")
             if not part.is_file() or any(alias.asname or alias.name == "*" for alias in node.names):
                 raise BuildError(
                     f"{path}: must import plain names of a module of this project, got {ast.unparse(node)}"
@@ -188,7 +188,7 @@ def _refuse_project_imports(node: ast.stmt, path: Path) -> None:
         elif isinstance(inner, ast.ImportFrom):
             names = ["." * inner.level + (inner.module or "")]
         for name in names:
-            if _top(name) == _project or name.startswith("."):
+            if _top(name) == _PROJECT or name.startswith("."):
                 raise BuildError(f"{path}: must import from this project by `from ... import` at the top, got {name}")
 
 
@@ -197,7 +197,7 @@ def _top(module: str | None) -> str:
 
 
 def _run_builder(jobs: Sequence[tuple[str, list[str], str]], folder: str, names: str) -> None:
-    command = [sys.executable, "-c", _builder, json.dumps(jobs)]
+    command = [sys.executable, "-c", _BUILDER, json.dumps(jobs)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
     if done.returncode != 0:
         reason = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]

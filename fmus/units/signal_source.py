@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.fmus.errors import InterfaceError
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
 
 Kind = Literal[
@@ -152,4 +152,4 @@ def _unit(key: str, unit: str | None) -> str | None:
         return "Hz"
     if key != "impulse" or unit is None:
         return unit
-    return "s" if unit == "1" else f"{unit}.s" if f"{unit}.s" in BASE_UNITS else None
+    return "s" if unit == "1" else f"{unit}.s" if f"{unit}.s" in SI_UNITS else None

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.errors import InterfaceError
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Variable
 from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.compilers import Platform
@@ -108,7 +108,7 @@ def _provided_variables(instance: str, description: Any, columns: Sequence[str],
                     start=read[v.type](v.start or "0") if starts else None,
                     minimum=limits[0],
                     maximum=limits[1],
-                    unit=v.unit if v.type == "Real" and v.unit in BASE_UNITS else None,
+                    unit=v.unit if v.type == "Real" and v.unit in SI_UNITS else None,
                     nominal=float(v.nominal) if v.type == "Real" and v.nominal else None,
                     description=v.description or "",
                 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.units.signal_source import SourceSignal
 from flexbeams.scenarios.definition.schema import SIGNALS, Chirp, Input, PseudoRandom, Scenario
 from flexbeams.scenarios.definition.signals import binary_sequence, table_rows
@@ -77,7 +77,7 @@ def _source_signal(
         kind=kind,
         outputs=tuple(names),
         width=width,
-        unit=first.unit if first.unit in BASE_UNITS else None,
+        unit=first.unit if first.unit in SI_UNITS else None,
         nominal=float(first.nominal) if first.nominal and float(first.nominal) > 0 else None,
         drives=f"{group.owner}.{group.names[0].partition('[')[0] if len(group.names) > 1 else group.names[0]}",
         **fields,

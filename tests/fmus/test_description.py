@@ -13,7 +13,7 @@ import pytest
 
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.errors import InterfaceError
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
 from tests.units.lag_interface import lag_interface
 
@@ -81,22 +81,22 @@ def factors(name: str) -> dict[str, int]:
     for part, sign in ((above, 1), (below, -1)):
         for factor in filter(None, part.split(".")):
             symbol, digits = re.fullmatch(r"([A-Za-z]+|1)(\d*)", factor).groups()  # type: ignore[union-attr]
-            known = {"C": {"A": 1, "s": 1}, **BASE_UNITS}
+            known = {"C": {"A": 1, "s": 1}, **SI_UNITS}
             for base, power in known[symbol].items():
                 powers[base] = powers.get(base, 0) + sign * int(digits or 1) * power
     return {base: power for base, power in powers.items() if power}
 
 
-@pytest.mark.parametrize("name", [name for name in BASE_UNITS if not name.isalnum()])
+@pytest.mark.parametrize("name", [name for name in SI_UNITS if not name.isalnum()])
 def test_compound_units_are_the_product_of_their_factors(name: str) -> None:
-    assert BASE_UNITS[name] == factors(name)
+    assert SI_UNITS[name] == factors(name)
 
 
 def test_volt_newton_pascal_joule_are_consistent() -> None:
-    assert BASE_UNITS["J"] == factors("N.m")
-    assert BASE_UNITS["Pa"] == factors("N/m2")
-    assert BASE_UNITS["N"] == factors("kg.m") | {"s": -2}
-    assert factors("V.C") == BASE_UNITS["J"]
+    assert SI_UNITS["J"] == factors("N.m")
+    assert SI_UNITS["Pa"] == factors("N/m2")
+    assert SI_UNITS["N"] == factors("kg.m") | {"s": -2}
+    assert factors("V.C") == SI_UNITS["J"]
 
 
 def test_guid_depends_on_every_content_and_on_where_it_ends() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flexbeams.fmus.interface.si import BASE_UNITS
+from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.plant.galerkin import BASES, BasisName, beam_model
 from flexbeams.plant.parameters import PARAMETERS, in_unit_order, parameter
 from flexbeams.plant.structure import Structure
@@ -25,7 +25,7 @@ def test_units_list_a_parameter_of_every_part_before_the_next() -> None:
 
 
 def test_units_of_measurement_are_those_of_the_fmus() -> None:
-    assert {entry.unit for entry in PARAMETERS} <= set(BASE_UNITS)
+    assert {entry.unit for entry in PARAMETERS} <= set(SI_UNITS)
 
 
 def test_what_may_vanish() -> None:
