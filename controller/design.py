@@ -90,7 +90,7 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     order = DEFAULT_ORDER[options.basis] if options.order is None else options.order
     try:
         model = beam_model(structure, options.basis, order)
-    except ValueError as error:
+    except InputError as error:
         raise DesignError(str(error)) from None
     system = model.assemble()
     output_weight = options.output_weight or ("energy" if options.basis == "segment" else "identity")

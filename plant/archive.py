@@ -5,6 +5,7 @@ import os
 import time
 import zipfile
 from collections.abc import Mapping
+from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
 
@@ -37,17 +38,28 @@ def zip_bytes(entries: Mapping[str, bytes]) -> bytes:
 def write_whole(path: Path, content: bytes) -> None:
     """Writes a file under a temporary name in its folder, then renames: readers never see a part of it.
 
-    InputError where something other than a file has the name, a device perhaps.
+    Raises InputError where it cannot be written, or where something other than a file has the name, such as a device.
     """
-    if path.exists() and not path.is_file():
-        raise InputError("", "must be a file, or not be there yet", source=str(path))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if exists(path) and not isfile(path):
+        raise InputError("", "must be a regular file or a new path", source=str(path))
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            temporary.write_bytes(content)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError("", f"cannot be written: {error.strerror or error}", source=str(path)) from None
+
+
+def remove_file(path: Path) -> None:
+    """Removes a file if there is one; InputError where it cannot be removed."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError("", f"cannot be removed: {error.strerror or error}", source=str(path)) from None
 
 
 def array_bytes(array: NDArray[Any]) -> bytes:

@@ -1,15 +1,21 @@
-"""What goes wrong at the boundary: bad input and designs that cannot be made."""
+"""Errors caused by invalid input, infeasible designs and units that cannot be built or run.
+
+Whatever else escapes is a bug, and the command line shows it as one.
+"""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 
-class FlexbeamsError(ValueError):
-    """Base of every error that a user can mend; its text is one line."""
+class FlexbeamsError(Exception):
+    """Base of all errors that a user can fix; the text is one line."""
 
 
-class InputError(FlexbeamsError):
-    """A value that breaks a rule: which source (file or option), which key, which rule, which value."""
+class InputError(FlexbeamsError, ValueError):
+    """A value that breaks a rule: names the source (file or option), the key, the rule and the value.
+
+    A ValueError as well, so that pydantic adds where in a table it was raised.
+    """
 
     def __init__(self, key: str, rule: str, value: object = None, *, source: str = "") -> None:
         self.key, self.rule, self.value, self.source = key, rule, value, source
@@ -19,18 +25,18 @@ class InputError(FlexbeamsError):
         super().__init__(" ".join((f"{source}: {text}" if source else text).splitlines()))
 
     def at(self, source: str, prefix: str = "") -> "InputError":
-        """The same error with its source and the place of its key within that source."""
+        """The same error with its source and the location of its key within that source."""
         return InputError(prefix + self.key, self.rule, self.value, source=source)
 
 
 class DesignError(FlexbeamsError):
-    """A structure or an option set for which a step of the design has no acceptable result."""
+    """A structure and options for which a step of the design has no acceptable result."""
 
 
 def suggestion(name: str, valid: Iterable[str]) -> str:
-    """Text that names the nearest valid name and the valid ones, for the end of a refusal."""
+    """Text for the end of a message: the nearest valid name, then the valid ones."""
     names = list(dict.fromkeys(valid))
     near = get_close_matches(name, names, n=1, cutoff=0.5)
-    shown = names if len(names) <= 14 else [*names[:12], f"... {len(names)} in all"]
+    listed = names if len(names) <= 14 else [*names[:12], f"... {len(names)} in all"]
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"{hint} (valid: {', '.join(shown)})"
+    return f"{hint} (valid: {', '.join(listed)})"

@@ -15,6 +15,7 @@ import numpy as np
 from flexbeams.plant.assembly import MatrixName, SecondOrderSystem, Term, assemble
 from flexbeams.plant.basis import Array, Basis
 from flexbeams.plant.clamped_free import ClampedFreeBasis
+from flexbeams.plant.errors import InputError
 from flexbeams.plant.segment import SegmentBasis, pieces
 from flexbeams.plant.structure import Structure
 
@@ -59,13 +60,13 @@ def beam_model(structure: Structure, basis: BasisName = "clamped_free", order: i
     """The Galerkin model of a structure.
 
     `order` is the number of modes of a beam for `clamped_free` (default 10, the paper) and the polynomial
-    degree for `segment` (default 9). Raises ValueError for an unknown basis or an order below 1 (3 for segment).
+    degree for `segment` (default 9). Raises InputError for an unknown basis or an order below 1 (3 for segment).
     """
     if basis not in BASES:
-        raise ValueError(f"basis must be one of {', '.join(BASES)}, got {basis!r}")
+        raise InputError("basis", f"must be one of {', '.join(BASES)}", basis)
     order = DEFAULT_ORDER[basis] if order is None else order
     if order < (lowest := 3 if basis == "segment" else 1):
-        raise ValueError(f"order of the basis {basis} must be >= {lowest}, got {order}")
+        raise InputError("order", f"must be >= {lowest} for the basis {basis}", order)
     bases = beam_bases(structure, basis, order)
     starts = np.concatenate([[0], np.cumsum([b.size for b in bases])]).astype(int)
     n = int(starts[-1])

@@ -9,7 +9,7 @@ from os.path import isfile
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 from pydantic.dataclasses import dataclass
 
 from flexbeams.plant.errors import InputError, suggestion
@@ -213,7 +213,7 @@ class Structure:
             number, name = rest.split("].")
             try:
                 parts[part][int(number) - 1] = replace(parts[part][int(number) - 1], **{name: float(value)})
-            except ValueError:
+            except ValidationError:
                 raise InputError(key, parameter(part, name).rule, value) from None
         return replace(self, **parts)
 

@@ -52,7 +52,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def short(run_folder: Path) -> Callable[..., Settings]:
     """Settings of a run with its units in the session's folder."""
-    return lambda **settings: Settings(frames=False, build_folder=run_folder / "build/fmus", **settings)
+    return lambda **settings: Settings(record_animation=False, build_folder=run_folder / "build/fmus", **settings)
 
 
 @pytest.fixture

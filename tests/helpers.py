@@ -140,7 +140,8 @@ def exported_once(write: Callable[[str, Path, Settings], Path], suffix: str) -> 
         source = Path(scenario).read_text() if Path(scenario).is_file() else scenario
         digest = hashlib.sha256(f"{write.__name__} {source} {settings}".encode()).hexdigest()[:16]
         made = made_once(
-            f"exports/{digest}", lambda folder: write(scenario, folder / name, Settings(frames=False, **settings))
+            f"exports/{digest}",
+            lambda folder: write(scenario, folder / name, Settings(record_animation=False, **settings)),
         )
         return made / name
 

@@ -96,7 +96,7 @@ def ensure_units(
     wanted: Mapping[str, tuple[str, BeamModel]],
     design: Design,
     root: Path,
-    report: Callable[[str], None],
+    notify: Callable[[str], None],
     *,
     backend: Backend = "native",
     compiler: str = "zig",
@@ -111,6 +111,6 @@ def ensure_units(
             missing.setdefault(folder, (model, set()))[1].add(unit)
     for folder, (model, units) in missing.items():
         names = [name for name in UNITS if name in units]
-        report(f"building {', '.join(names)}")
+        notify(f"building {', '.join(names)}")
         build_units(names, design, model, folder, backend=backend, compiler=compiler)
     return files

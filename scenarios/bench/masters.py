@@ -16,7 +16,7 @@ from flexbeams.scenarios.masters.isolation import MasterError, run_cycles
 from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import Master, Task, Trace, deviation
 from flexbeams.scenarios.runs.package import run_package
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 SCENARIO, STEP = "tracking", 2e-4
 ROUNDS = 3
@@ -42,12 +42,12 @@ def measure_masters(
     """
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         file = Path(folder) / f"{SCENARIO}.ssp"
-        settings = Settings(frames=False, stop_time=steps * STEP, compiler=compiler)
+        settings = Settings(record_animation=False, stop_time=steps * STEP, compiler=compiler)
         export_ssp(SCENARIO, file, settings, notify=notify)
 
         @cache
         def reference(coupling: Coupling) -> Recording:
-            return run_package(file, Settings(frames=False, coupling=coupling, compiler=compiler)).recording
+            return run_package(file, Settings(record_animation=False, coupling=coupling, compiler=compiler)).recording
 
         outputs = read_task(file).signals
         recorded = [c for c in reference("jacobi").columns if c in outputs]

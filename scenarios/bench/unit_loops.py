@@ -11,9 +11,10 @@ from fmpy import read_model_description
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.signals import Signal
 from flexbeams.scenarios.importing.archives import Allowance
-from flexbeams.scenarios.simulation.cosimulation import CoSimulation, Plan
+from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.stepping import NativeStepper
+from flexbeams.scenarios.simulation.wiring import Wiring
 
 Starts = Mapping[str, float | bool]  # start values of a unit by variable
 
@@ -28,7 +29,7 @@ class Loop:
         self,
         folder: Path,
         files: Mapping[str, Path],
-        plan: Plan,
+        plan: Wiring,
         starts: Mapping[str, Starts],
         library: Path,
         step: float,
@@ -71,7 +72,7 @@ class Loop:
 
     def run(self, steps: int) -> float:
         """Seconds of the runner's stepping loop, recording included."""
-        return self._simulation.run(steps).wall
+        return self._simulation.run(steps).wall_seconds
 
     def advance_from_start(self, rows: Array) -> float:
         """`start`, then `advance`."""
@@ -101,7 +102,7 @@ def replay(rows: Array, step: float) -> Signal:
     )
 
 
-def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step: float, recorded: bool) -> Plan:
+def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step: float, recorded: bool) -> Wiring:
     """A unit alone, its inputs `arrays` driven by rows (steps, all their elements), every output read."""
     if not (folder / file.stem).exists():
         Allowance().extract(file, folder / file.stem)
@@ -116,7 +117,7 @@ def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step
         if v.causality == "output" and v.type == kind
     ]
     n = len(outputs)
-    return Plan(
+    return Wiring(
         size=n + len(inputs),
         sources={f"unit.{name}": k for k, name in enumerate(outputs)},
         inputs={"unit": [(name, n + k) for k, name in enumerate(inputs)]},
@@ -128,7 +129,7 @@ def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step
     )
 
 
-def without_recording(plan: Plan) -> Plan:
+def without_recording(plan: Wiring) -> Wiring:
     """The plan with nothing recorded, and each unit's outputs read up to the last one that is connected."""
     used = {place for inputs in plan.inputs.values() for _, place in inputs}
     reads = {}

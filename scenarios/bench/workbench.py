@@ -19,10 +19,10 @@ from flexbeams.scenarios.bench.unit_loops import Loop, Starts, unit_plan, withou
 from flexbeams.scenarios.definition.schema import find_scenario
 from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
 from flexbeams.scenarios.definition.signals import Signal
-from flexbeams.scenarios.runs.prepare import draft_run
+from flexbeams.scenarios.runs.prepare import prepare_run
 from flexbeams.scenarios.runs.scenario import prepare
-from flexbeams.scenarios.simulation.cosimulation import Plan
 from flexbeams.scenarios.simulation.stepping import stepper_library
+from flexbeams.scenarios.simulation.wiring import Wiring
 
 SCENARIO = "tracking"
 
@@ -43,8 +43,8 @@ class Workbench:
         self.steps, self.compiler, self._build, self._notify = steps, compiler, build_folder, notify
         path, settings = find_scenario(SCENARIO), Settings(compiler=compiler, build_folder=build_folder)
         scenario, self.design = prepare(path, settings)
-        scenario, draft = draft_run(path, scenario, self.design, settings, notify)
-        self._plan, self._starts, self.step = draft.plan, draft.starts, draft.step
+        scenario, draft = prepare_run(path, scenario, self.design, settings, notify)
+        self._plan, self._starts, self.step = draft.wiring, draft.starts, draft.step
         self.model = draft.models["plant"]
         self._files = self.units({n: (str(scenario.instance[n].unit), m) for n, m in draft.models.items()}, self.design)
         self._stepper = stepper_library(build_folder, compiler)
@@ -140,7 +140,7 @@ class Workbench:
         )
 
     def _loop(
-        self, files: Mapping[str, Path], plan: Plan, starts: Mapping[str, Starts], folder: Path | None = None
+        self, files: Mapping[str, Path], plan: Wiring, starts: Mapping[str, Starts], folder: Path | None = None
     ) -> Loop:
         loop = Loop(folder or self._folder, files, plan, starts, self._stepper, self.step)
         self._stack.callback(loop.close)

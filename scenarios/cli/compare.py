@@ -17,7 +17,7 @@ from flexbeams.scenarios.cli.options import note
     help="Folder of compare.html, compare.png and compare.svg.",
 )
 def compare(runs: tuple[Path, ...], out: Path) -> int:
-    """Lay finished runs over each other; each RUN is a folder of results, such as results/tracking.
+    """Overlay finished runs ; each RUN is a folder of results, such as results/tracking.
 
     Prints checks and metrics side by side and writes the signals that all runs recorded as a page and a figure.
     """

@@ -1,6 +1,7 @@
 """The verb `flexbeams export`."""
 
 from importlib import import_module
+from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ KINDS = {
 @click.option("--structure", metavar="FILE", help="Override the scenario's structure.")
 @click.option(
     "--set",
-    "values",
+    "overrides",
     multiple=True,
     callback=assignment,
     metavar="UNIT.VARIABLE=VALUE",
@@ -69,10 +70,10 @@ def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...
     place, suffix = KINDS[kind]
     module, _, function = place.partition(":")
     file = out or Path(f"{Path(scenario).stem}{suffix}")
-    if suffix.startswith(".") and file.exists() and not file.is_file():
-        raise click.BadParameter("must be a file, or not be there yet", param_hint="--out")
+    if suffix.startswith(".") and exists(file) and not isfile(file):
+        raise click.BadParameter("must be a regular file or a new path", param_hint="--out")
     if kind == "ospsystem" and not file.name:
         raise click.BadParameter("must be a folder, or FILE.zip", param_hint="--out")
     write = getattr(import_module(module), function)
-    click.echo(write(scenario, file, Settings(frames=False, **options), platforms, note))
+    click.echo(write(scenario, file, Settings(record_animation=False, **options), platforms, note))
     return 0

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -206,13 +207,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         note(f"flexbeams: {error.format_message()}")
         return 2
     except FlexbeamsError as error:
+        if os.environ.get("FLEXBEAMS_DEBUG", "0") not in ("", "0"):
+            traceback.print_exc()
         note(f"flexbeams: {error}")
-        return 2
-    except (RuntimeError, OSError) as error:
-        note(f"flexbeams: {error}")
-        return 2
-    except MemoryError as error:
-        note(f"flexbeams: not enough memory: {error}")
         return 2
 
 

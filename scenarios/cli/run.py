@@ -54,7 +54,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option("--structure", metavar="FILE", help="Override the scenario's structure.")
 @click.option(
     "--set",
-    "values",
+    "overrides",
     multiple=True,
     callback=assignment,
     metavar="UNIT.VARIABLE=VALUE",
@@ -96,7 +96,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option("--real-time", is_flag=True, help="Pace the run to the wall clock (native units); lateness is reported.")
 @click.option(
     "--real-time-factor",
-    "speed",
+    "real_time_factor",
     type=POSITIVE,
     metavar="F",
     help="Simulated seconds for each second of the wall clock: 0.1 is slow motion. Implies --real-time.",
@@ -111,7 +111,7 @@ def run(
     no_figures: bool,
     no_report: bool,
     real_time: bool,
-    speed: float | None,
+    real_time_factor: float | None,
     **options: Any,
 ) -> int:
     """Run scenarios (names from `flexbeams list`, files, or SSP packages) and check the results.
@@ -124,7 +124,7 @@ def run(
     names = [Path(scenario).stem for scenario in scenarios]
     with Display(names) as display, ExitStack() as stack:
         beside = None
-        if len(names) == 1 and not no_figures and not real_time and speed is None:
+        if len(names) == 1 and not no_figures and not real_time and real_time_factor is None:
             from flexbeams.scenarios.report.figure_process import FigureProcess  # before all that takes time
 
             beside = stack.enter_context(FigureProcess())
@@ -132,7 +132,7 @@ def run(
         from flexbeams.scenarios.definition.settings import Settings
         from flexbeams.scenarios.importing.ssp import is_package
         from flexbeams.scenarios.results.formats import require_formats
-        from flexbeams.scenarios.runs.job import Job, execute
+        from flexbeams.scenarios.runs.job import Job, run_job
         from flexbeams.scenarios.runs.package import require_package
 
         for k, scenario in enumerate(scenarios):
@@ -145,7 +145,9 @@ def run(
         require_formats(formats)
         folders = [out if out and len(names) == 1 else (out or Path("results")) / name for name in names]
         stack.enter_context(_folders(folders))
-        settings = Settings(frames=not no_report, speed=speed or (1.0 if real_time else None), **options)
+        settings = Settings(
+            record_animation=not no_report, real_time_factor=real_time_factor or (1.0 if real_time else None), **options
+        )
         planned = [
             Job(
                 scenario=scenario,
@@ -163,7 +165,7 @@ def run(
             finished = run_parallel(planned, min(jobs or usable_cores(), len(planned)), display)
         else:
             finished = [
-                execute(
+                run_job(
                     planned[0], display.note, lambda done, steps: display.progress(names[0], done, steps), beside=beside
                 )
             ]

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from flexbeams.controller.design import Design
 from flexbeams.scenarios.results.display import limits, number
-from flexbeams.scenarios.runs.job import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished
+from flexbeams.scenarios.runs.job import CHECK_FAILED, FAILED, INTERRUPTED, OK, JobResult
 
 
 def console(width: int = 100) -> Console:
@@ -19,7 +19,7 @@ def console(width: int = 100) -> Console:
     return out if out.is_terminal else Console(highlight=False, width=width)
 
 
-def show_checks(finished: Finished) -> None:
+def show_checks(finished: JobResult) -> None:
     """Each check beside the paper's figure, and where the results are."""
     out = console()
     if finished.title:
@@ -53,7 +53,7 @@ def show_checks(finished: Finished) -> None:
             )
 
 
-def show_overview(runs: Sequence[Finished]) -> None:
+def show_overview(runs: Sequence[JobResult]) -> None:
     """A line for each of several runs."""
     table = Table()
     table.add_column("scenario", no_wrap=True)
@@ -62,13 +62,13 @@ def show_overview(runs: Sequence[Finished]) -> None:
         table.add_column(heading, justify="right")
     table.add_column("results", overflow="fold")
     words = {
-        DONE: "[green]ok[/]",
+        OK: "[green]ok[/]",
         CHECK_FAILED: "[red bold]FAILED[/]",
         FAILED: "[red bold]ERROR[/]",
         INTERRUPTED: "[yellow]interrupted[/]",
     }
     for run in runs:
-        complete = run.status in (DONE, CHECK_FAILED)
+        complete = run.status in (OK, CHECK_FAILED)
         held = str(len(run.outcomes) - run.failed)
         table.add_row(
             run.name,

@@ -1,6 +1,7 @@
 """The scenario file: instances, connections, inputs and checks of one experiment."""
 
 from dataclasses import field
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -240,7 +241,7 @@ def find_scenario(name: str) -> Path:
         return shipped[name]
     if Path(name).suffix.lower() == ".fmu":
         raise InputError("scenario", "must be a scenario or an SSP package, which name FMUs", name)
-    if Path(name).is_file():
+    if isfile(name):  # False also for a name that no file can have
         return Path(name)
     raise InputError("scenario", f"{name!r} is neither a file nor a shipped scenario" + suggestion(name, shipped))
 

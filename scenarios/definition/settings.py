@@ -16,13 +16,13 @@ class Settings:
 
     backend: Backend = "native"
     compiler: str = "zig"
-    speed: float | None = None  # simulated seconds a second of the wall clock; None: as fast as it goes
+    real_time_factor: float | None = None  # simulated seconds a second of the wall clock; None: as fast as it goes
     coupling: Coupling | None = None
     basis: BasisName | None = None
     structure: str | None = None
     stop_time: float | None = None
     step: float | None = None  # s, between communication points
-    values: dict[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to value
+    overrides: dict[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to value
     decimate: int = 1  # every which step is recorded
     build_folder: Path = BUILD_FOLDER
-    frames: bool = True  # shapes for the animation are recorded
+    record_animation: bool = True  # shapes for the animation are recorded

@@ -6,6 +6,7 @@ Piecewise constant signals are continuous from the right.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -151,7 +152,7 @@ def _levels(signal: PseudoRandom) -> Signal:
 def table_rows(table: Table, folder: Path) -> Array:
     """Time (s) and the columns chosen, (rows, 1 + width); the file is relative to `folder`."""
     path = folder / table.file
-    if not path.is_file():
+    if not isfile(path):
         raise InputError("table.file", "must be a file", str(path))
     rows = read_time_table(path)
     try:

@@ -16,7 +16,7 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.links import Link
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.importing.extraction import unit_description
-from flexbeams.scenarios.runs.prepare import Draft, draft_run
+from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run
 from flexbeams.scenarios.runs.scenario import prepare
 
 SOURCE = "source"  # component of the external signals, followed by _ where an instance has that name
@@ -50,7 +50,7 @@ def build_bundle(
     """
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
-    scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
+    scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
     units, files = [], {}
     for instance, declared in scenario.instance.items():
         files[instance] = folder / f"{_file_name(scenario, instance)}.fmu"
@@ -83,7 +83,7 @@ def parameters_of(unit: Any) -> list[Any]:
     return [v for v in unit.modelVariables if v.causality == "parameter" and v.type in ("Real", "Integer", "Boolean")]
 
 
-def _provided_fmu(path: Path, instance: str, fmu: str, draft: Draft) -> Path:
+def _provided_fmu(path: Path, instance: str, fmu: str, draft: PreparedRun) -> Path:
     """An FMU file of the scenario; start values cannot be built into it."""
     if draft.starts[instance]:
         raise InputError(
@@ -109,14 +109,14 @@ def _source_name(scenario: Scenario) -> str:
     return name
 
 
-def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[NativeUnit, dict[str, str]]:
+def _source(path: Path, scenario: Scenario, draft: PreparedRun, out: Path) -> tuple[NativeUnit, dict[str, str]]:
     """The source of the external signals, and its output by <instance>.<input>."""
     signals, driven = source_signals(
         scenario,
         path.parent,
         {n: i.variables for n, i in draft.instances.items()},
         draft.starts,
-        set(draft.plan.links()),
+        set(draft.wiring.links()),
     )
     try:
         interface = signal_source(signals, draft.step, scenario.stop_time)
@@ -126,9 +126,9 @@ def _source(path: Path, scenario: Scenario, draft: Draft, out: Path) -> tuple[Na
     return NativeUnit(interface=interface, data=data, meta=meta, out=out), driven
 
 
-def _links(draft: Draft, driven: Mapping[str, str], source: str) -> list[Link]:
+def _links(draft: PreparedRun, driven: Mapping[str, str], source: str) -> list[Link]:
     """Links between the units, and from the source of signals, in the order of the inputs."""
-    sources, links = draft.plan.links(), []
+    sources, links = draft.wiring.links(), []
     for instance, declared in draft.instances.items():
         for name in (n for n, v in declared.variables.items() if v.causality == "input"):
             if f"{instance}.{name}" in driven:

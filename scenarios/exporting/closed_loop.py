@@ -12,7 +12,7 @@ from flexbeams.fmus.units.shipped import interface_of
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.runs.prepare import draft_run
+from flexbeams.scenarios.runs.prepare import prepare_run
 from flexbeams.scenarios.runs.scenario import prepare
 
 MAX_NAME_LENGTH = 18  # of an instance: <instance>.<variable> must fit into the unit's tables
@@ -33,13 +33,13 @@ def export_closed_loop(
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
     _check(scenario, str(path))
-    scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
+    scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
     parts = []
     for instance, declared in scenario.instance.items():
         interface = interface_of(str(declared.unit), design, draft.models[instance])
         data, meta = unit_data(interface, design, draft.models[instance])
         parts.append(Part(name=instance, interface=interface.with_starts(draft.starts[instance]), data=data, meta=meta))
-    wires = [Wire(source=source, to=to) for to, source in draft.plan.links().items()]
+    wires = [Wire(source=source, to=to) for to, source in draft.wiring.links().items()]
     listed = ", ".join(f"{part.name} ({part.unit})" for part in parts)
     try:
         interface = closed_loop_interface(

@@ -29,7 +29,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, first_comment
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.container_parts import FOLDERS, ContainerPlan, Part, build_parts
-from flexbeams.scenarios.runs.prepare import draft_run
+from flexbeams.scenarios.runs.prepare import prepare_run
 from flexbeams.scenarios.runs.scenario import prepare
 
 PACKAGE = "fmu-manipulation-toolbox"
@@ -55,9 +55,9 @@ def export_container(
     tool = _tool_version()
     path = find_scenario(name)
     scenario, design = prepare(path, settings)
-    scenario, draft = draft_run(path, scenario, design, settings, lambda text: None)
+    scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
     plan = ContainerPlan(path=path, scenario=scenario, design=design, draft=draft)
-    links = draft.plan.links()
+    links = draft.wiring.links()
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
         folder = Path(temporary) / "units"
         folder.mkdir()
@@ -111,7 +111,7 @@ def _interface(plan: ContainerPlan, parts: Mapping[str, Part], links: Mapping[st
         f"{instance}.{v.name}": v
         for instance, part in parts.items()
         for v in part.variables
-        if _is_exposed(f"{instance}.{v.name}", v, links, draft.plan.columns)
+        if _is_exposed(f"{instance}.{v.name}", v, links, draft.wiring.columns)
     }
     inputs = tuple(dict.fromkeys(replace(v, name=n).array for n, v in exposed.items() if v.causality == "input"))
     variables = [

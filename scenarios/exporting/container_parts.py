@@ -16,7 +16,7 @@ from flexbeams.fmus.packaging.compilers import Platform
 from flexbeams.fmus.packaging.native import build_native_units
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Scenario
-from flexbeams.scenarios.runs.prepare import Draft
+from flexbeams.scenarios.runs.prepare import PreparedRun
 
 # Platform that the tool has a binary for: the folder in which that binary looks for those of the units inside
 FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "aarch64-darwin": "darwin64"}
@@ -29,7 +29,7 @@ class ContainerPlan:
     path: Path
     scenario: Scenario
     design: Design
-    draft: Draft
+    draft: PreparedRun
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ def build_parts(
             parts[instance] = Part(
                 unit=description.modelName,
                 description=description,
-                variables=_provided_variables(instance, description, draft.plan.columns, path),
+                variables=_provided_variables(instance, description, draft.wiring.columns, path),
             )
             continue
         units.append(native_unit(declared.unit, plan.design, draft.models[instance], file, draft.starts[instance]))

@@ -10,9 +10,9 @@ import numpy as np
 
 from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.units.signal_source import SourceSignal
+from flexbeams.scenarios.definition.declaration import element_names
 from flexbeams.scenarios.definition.schema import SIGNALS, Chirp, Input, PseudoRandom, Scenario
 from flexbeams.scenarios.definition.signals import binary_sequence, table_rows
-from flexbeams.scenarios.simulation.instance import element_names
 
 Starts = Mapping[str, Mapping[str, float | bool]]
 Variables = Mapping[str, Mapping[str, Any]]  # FMPy's, by instance and name

@@ -9,9 +9,11 @@ import numpy as np
 from fmpy import extract, read_model_description
 
 from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
-from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
 
 FAULTS = (
     Fault(
@@ -45,7 +47,7 @@ FAULTS = (
 )
 
 
-class ContainerError(RuntimeError):
+class ContainerError(FlexbeamsError):
     """A package cannot be made a container, or the container not be loaded."""
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
@@ -53,7 +54,7 @@ FAULTS = (
 )
 
 
-class EcosError(RuntimeError):
+class EcosError(FlexbeamsError):
     """Ecos refused a package."""
 
 

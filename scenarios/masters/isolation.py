@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from flexbeams.plant.archive import read_arrays
+from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.masters.catalogue import find_master
 from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import Task, Trace
 from flexbeams.scenarios.processes.children import python_command, python_environment
 
 
-class MasterError(RuntimeError):
+class MasterError(FlexbeamsError):
     """A master's process ended without a result; names the tool, how it ended and the last line that it said."""
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.importing.ssp import is_package
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
@@ -34,7 +35,7 @@ FAULTS = (
 )
 
 
-class CosimError(RuntimeError):
+class CosimError(FlexbeamsError):
     """libcosim refused a package."""
 
 

@@ -14,7 +14,7 @@ def simulate(task: Task) -> Trace:
     recording = run_package(
         task.file,
         Settings(
-            frames=False,
+            record_animation=False,
             step=task.step,
             stop_time=task.steps * task.step,
             compiler=task.compiler,
@@ -26,8 +26,8 @@ def simulate(task: Task) -> Trace:
         time=recording.time,
         columns=columns,
         values=recording.values[:, [recording.columns.index(name) for name in columns]],
-        loading=time.perf_counter() - begin - recording.wall,
-        stepping=recording.wall,
+        loading=time.perf_counter() - begin - recording.wall_seconds,
+        stepping=recording.wall_seconds,
     )
 
 

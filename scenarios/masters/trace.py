@@ -8,7 +8,7 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.schema import Coupling
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from types import FrameType
 
 
 @contextmanager
-def held_interrupt() -> Iterator[Callable[[], bool]]:
+def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     """Ctrl-C is noted instead of raised; yields a function that tells whether it was. A second one is raised."""
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -29,7 +29,7 @@ def held_interrupt() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def deaf_children() -> Iterator[None]:
+def ignore_interrupts_in_children() -> Iterator[None]:
     """Processes started inside ignore Ctrl-C from their first moment on, where the system hands that down."""
     if threading.current_thread() is not threading.main_thread():
         yield

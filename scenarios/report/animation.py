@@ -14,7 +14,7 @@ def animation(frames: Frames | None, design: Design, step: float) -> dict[str, A
     The ghost is w = H_w x_ref + D_w u_ff, the shape that the reduced model has under the feedforward.
     """
     structure, arrays = design.structure, design.arrays
-    if frames is None or frames.shapes.shape[1] != len(structure.beam) * STATIONS or len(frames.values) < 2:
+    if frames is None or frames.deflections.shape[1] != len(structure.beam) * STATIONS or len(frames.values) < 2:
         return None
     x_ref, u_ff = frames.reference
     ghost = None
@@ -24,7 +24,7 @@ def animation(frames: Frames | None, design: Design, step: float) -> dict[str, A
         "interval": frames.every * step,
         "frames": len(frames.values),
         "stations": STATIONS,
-        "shapes": int16(frames.shapes),
+        "shapes": int16(frames.deflections),
         "ghost": ghost,
         "voltages": int16(frames.voltages),
         "beams": [{"length": b.length, "width": b.width, "mass": b.tip_mass} for b in structure.beam],

@@ -15,7 +15,7 @@ from flexbeams.scenarios.report.panels import panel
 from flexbeams.scenarios.results.curves import SHOWN, Curve, array_of, curve, quantity_of
 from flexbeams.scenarios.results.display import number, verdict
 from flexbeams.scenarios.results.files import read_results
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 _KEYS = ("scenario", "title", "checks", "metrics", "timing", "coupling", "backend", "design_id", "complete")
 _FACTS = {"title": "Title", "backend": "Backend", "coupling": "Coupling", "design_id": "Design id"}

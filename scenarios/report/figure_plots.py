@@ -7,7 +7,7 @@ from flexbeams.scenarios.definition.schema import Figure, Scenario
 from flexbeams.scenarios.report.decimation import decimated
 from flexbeams.scenarios.report.plots import Line, Panel, Plot, PlotRow, Style
 from flexbeams.scenarios.results.curves import SHOWN, Curve, figure_curve
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 PLOTTED = 4000  # points of a curve at most; each stretch keeps its least and its largest value
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from types import TracebackType
 
 from flexbeams.scenarios.processes.children import python_command, python_environment
-from flexbeams.scenarios.processes.interrupt import deaf_children
+from flexbeams.scenarios.processes.interrupt import ignore_interrupts_in_children
 from flexbeams.scenarios.report.plots import Plot
 
 _DONE = b"."
@@ -21,7 +21,7 @@ class FigureProcess:
     """Draws plots beside what the caller does; what it cannot draw is drawn by the caller."""
 
     def __init__(self) -> None:
-        with deaf_children():
+        with ignore_interrupts_in_children():
             self._process = subprocess.Popen(
                 python_command("-c", _PROGRAM),
                 stdin=subprocess.PIPE,

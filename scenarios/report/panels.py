@@ -8,7 +8,7 @@ from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.decimation import kept_rows
 from flexbeams.scenarios.report.page import float32
 from flexbeams.scenarios.results.curves import SHOWN, Curve, array_of, curve, figure_curve, on_one_time
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 LIMIT = 2000  # rows of a panel at most
 

@@ -100,7 +100,7 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("Backend", settings.backend),
         ("Coupling", f"{s.coupling}, steps of {1e3 * _step(run):g} ms"),
         ("Simulated", f"{run.recording.time[-1]:g} s"),
-        *([("Set", ", ".join(f"{k} = {v}" for k, v in settings.values.items()))] if settings.values else []),
+        *([("Set", ", ".join(f"{k} = {v}" for k, v in settings.overrides.items()))] if settings.overrides else []),
         ("Design id", run.design.design_id),
         ("Version", f"flexbeams {version('flexbeams')}"),
     ]

@@ -7,7 +7,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.results.metrics import column_indices
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 SHOWN = {
     "deflection": ("mm", 1e3),

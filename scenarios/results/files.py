@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import orjson
 
-from flexbeams.plant.archive import write_whole
+from flexbeams.plant.archive import remove_file, write_whole
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.results.formats import FORMATS, Format, write_mat, write_parquet
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 
 def write_results(
@@ -23,14 +23,14 @@ def write_results(
     Where summary.json is missing, the run did not get as far as that.
     """
     summary = _plain(summary)
-    (folder / "summary.json").unlink(missing_ok=True)
+    remove_file(folder / "summary.json")
     writers = {"csv": write_csv, "parquet": write_parquet, "mat": write_mat}
     for kind in FORMATS:
         path = folder / f"results.{kind}"
         if kind in formats:
             writers[kind](path, recording, summary)
         else:
-            path.unlink(missing_ok=True)
+            remove_file(path)
     write_whole(folder / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
 
 
@@ -53,7 +53,7 @@ def read_results(path: Path) -> Recording:
         table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     except (OSError, StopIteration, ValueError) as error:
         raise InputError("", f"is not a results file: {error}", source=str(path)) from None
-    return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall=float("nan"))
+    return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall_seconds=float("nan"))
 
 
 def _plain(value: Any) -> Any:

@@ -24,7 +24,7 @@ import numpy as np
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 Format = Literal["csv", "parquet", "mat"]
 FORMATS: tuple[Format, ...] = get_args(Format)

@@ -9,7 +9,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.measures import decay_time, motion_settling_time, overshoots, settling_time
 from flexbeams.scenarios.definition.schema import Check, Scenario
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)

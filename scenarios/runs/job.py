@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.design import Design
+from flexbeams.plant.archive import remove_file
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.importing.ssp import is_package
 from flexbeams.scenarios.report.figure_process import FigureProcess
@@ -14,9 +15,9 @@ from flexbeams.scenarios.results.formats import Format
 from flexbeams.scenarios.results.metrics import Outcome
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario, write_run
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
-DONE, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130  # exit statuses, in this order of severity
+OK, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130  # exit statuses, in this order of severity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,7 @@ class Job:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finished:
+class JobResult:
     """What there is to say of a job when it is over; without recordings, so that it passes between processes."""
 
     name: str
@@ -60,24 +61,24 @@ class Finished:
         return f"{value:.1f}" if value else ""
 
 
-def execute(
+def run_job(
     job: Job,
-    report: Callable[[str], None],
+    notify: Callable[[str], None],
     progress: Callable[[int, int], None],
     designs: Sequence[Design] = (),
     beside: FigureProcess | None = None,
-) -> Finished:
+) -> JobResult:
     """Runs a job in this process and writes its files; errors as of run_scenario or run_package.
 
     Figures are drawn `beside` where given.
     """
     if is_package(job.scenario):
-        return _execute_package(job, report, progress)
-    run = run_scenario(job.scenario, job.settings, report=report, progress=progress, designs=designs)
+        return _execute_package(job, notify, progress)
+    run = run_scenario(job.scenario, job.settings, notify=notify, progress=progress, designs=designs)
     write_run(run, job.folder, job.figures, job.report, job.formats, beside)
     status, message = _verdict(run.recording, run.passed, job.folder)
     title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
-    return Finished(
+    return JobResult(
         name=job.name,
         status=status,
         title=title,
@@ -88,13 +89,13 @@ def execute(
     )
 
 
-def _execute_package(job: Job, report: Callable[[str], None], progress: Callable[[int, int], None]) -> Finished:
+def _execute_package(job: Job, notify: Callable[[str], None], progress: Callable[[int, int], None]) -> JobResult:
     """A package has no checks and no figures of its own."""
-    run = run_package(Path(job.scenario), job.settings, report=report, progress=progress)
-    (job.folder / "report.html").unlink(missing_ok=True)
+    run = run_package(Path(job.scenario), job.settings, notify=notify, progress=progress)
+    remove_file(job.folder / "report.html")
     write_results(job.folder, run.recording, run.summary, job.formats)
     status, message = _verdict(run.recording, True, job.folder)
-    return Finished(
+    return JobResult(
         name=job.name,
         status=status,
         title=f"{job.name}: {run.title}",
@@ -109,4 +110,4 @@ def _verdict(recording: Recording, passed: bool, folder: Path) -> tuple[int, str
         return INTERRUPTED, f"interrupted at {recording.time[-1]:.6g} s; what was recorded is marked incomplete"
     if recording.failure is not None:
         return FAILED, f"{recording.failure}; what was recorded up to then is in {folder}"
-    return (DONE if passed else CHECK_FAILED), ""
+    return (OK if passed else CHECK_FAILED), ""

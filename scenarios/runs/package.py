@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.importing.ssp import Package, open_package
-from flexbeams.scenarios.runs.prepare import Draft, require_one_design, require_room, whole_steps
+from flexbeams.scenarios.runs.prepare import PreparedRun, require_one_design, require_room, whole_steps
 from flexbeams.scenarios.runs.scenario import run_summary, step_units
 from flexbeams.scenarios.runs.start_values import require_open, start_values
-from flexbeams.scenarios.simulation.cosimulation import Planner, Recording
-from flexbeams.scenarios.simulation.instance import Declared
+from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.wiring import WiringBuilder
 from flexbeams.scenarios.validation.package import start_table, structure_problems, unit_descriptions
 
 
@@ -32,14 +33,14 @@ def run_package(
     file: Path,
     settings: Settings,
     *,
-    report: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, steps: None,
 ) -> PackageRun:
     """Runs an SSP 1.0 of FMI 2.0 co-simulation units; InputError in one line for what cannot be run."""
     for option, value in (("--structure", settings.structure), ("--basis", settings.basis)):
         if value is not None:
             raise InputError(option, "belongs to scenarios, the units of a package are built", value)
-    source, allowance, settings = str(file), Allowance(), replace(settings, frames=False)
+    source, allowance, settings = str(file), Allowance(), replace(settings, record_animation=False)
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         package, descriptions = _opened(file, Path(folder) / "package", allowance)
         scenario = _scenario(package, descriptions, settings, source)
@@ -50,7 +51,7 @@ def run_package(
             scenario,
             settings,
             source,
-            report,
+            notify,
             progress,
             allowance,
         )
@@ -105,18 +106,18 @@ def _scenario(package: Package, descriptions: dict[str, Any], settings: Settings
 
 def _draft(
     package: Package, scenario: Scenario, descriptions: dict[str, Any], settings: Settings, source: str
-) -> Draft:
+) -> PreparedRun:
     assert scenario.step is not None
     instances = {
-        name: Declared(description=d, variables={v.name: v for v in d.modelVariables})
+        name: InstanceDeclaration(description=d, variables={v.name: v for v in d.modelVariables})
         for name, d in descriptions.items()
     }
     require_one_design(instances, source)
     starts: dict[str, Any] = {name: start_table(c) for name, c in package.components.items()}
-    for name, values in start_values(scenario, instances, settings.values, source).items():
+    for name, values in start_values(scenario, instances, settings.overrides, source).items():
         starts[name] |= values
-    plan = Planner(scenario, instances, source, starts).plan()
-    require_open(plan, settings.values)
+    wiring = WiringBuilder(scenario, instances, source, starts).build()
+    require_open(wiring, settings.overrides)
     steps = whole_steps(scenario.stop_time, scenario.step, settings, source)
-    require_room(plan, steps, scenario.stop_time, settings, source)
-    return Draft(step=scenario.step, steps=steps, models={}, starts=starts, plan=plan, instances=instances)
+    require_room(wiring, steps, scenario.stop_time, settings, source)
+    return PreparedRun(step=scenario.step, steps=steps, models={}, starts=starts, wiring=wiring, instances=instances)

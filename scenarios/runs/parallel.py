@@ -17,8 +17,8 @@ from flexbeams.controller.design import Design
 from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.definition.schema import find_scenario
 from flexbeams.scenarios.importing.ssp import is_package
-from flexbeams.scenarios.processes.interrupt import deaf_children, held_interrupt
-from flexbeams.scenarios.runs.job import CHECK_FAILED, DONE, FAILED, INTERRUPTED, Finished, Job, execute
+from flexbeams.scenarios.processes.interrupt import deferred_interrupt, ignore_interrupts_in_children
+from flexbeams.scenarios.runs.job import CHECK_FAILED, FAILED, INTERRUPTED, OK, Job, JobResult, run_job
 from flexbeams.scenarios.runs.progress import Display
 from flexbeams.scenarios.runs.scenario import prepare, unit_files
 from flexbeams.scenarios.simulation.stepping import stepper_library
@@ -51,7 +51,7 @@ def prepare_all(jobs: Sequence[Job], display: Display) -> list[Design]:
     return designs
 
 
-def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Finished]:
+def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[JobResult]:
     """Runs the jobs, `workers` at a time, and returns their ends in the order of the jobs.
 
     Input that no job can run with raises FlexbeamsError before any of them starts; later failures of one leave
@@ -62,10 +62,10 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Fi
     messages: Queue[Message] = context.Queue()
     stop = context.Event()
     with ProcessPoolExecutor(workers, context, _enter, (messages, stop)) as pool:
-        with deaf_children(), _one_thread_each():
+        with ignore_interrupts_in_children(), _one_thread_each():
             futures = [pool.submit(_work, number, job, designs) for number, job in enumerate(jobs)]
         following = _Following(jobs, futures, messages, display)
-        with held_interrupt() as interrupted:  # an exception in the middle of a message would garble the next ones
+        with deferred_interrupt() as interrupted:  # an exception in the middle of a message would garble the next ones
             while not following.done and not interrupted():
                 following.follow()
             if not following.done:
@@ -88,14 +88,14 @@ class _Following:
     """Passes on what the workers tell, until every future is over."""
 
     def __init__(
-        self, jobs: Sequence[Job], futures: list[Future[Finished]], messages: "Queue[Message]", display: Display
+        self, jobs: Sequence[Job], futures: list[Future[JobResult]], messages: "Queue[Message]", display: Display
     ) -> None:
         self._jobs, self._futures, self._messages, self._display = jobs, futures, messages, display
         self._ended: set[int] = set()
-        self._over: dict[int, Finished] = {}
+        self._over: dict[int, JobResult] = {}
 
     @property
-    def finished(self) -> list[Finished]:
+    def finished(self) -> list[JobResult]:
         """The ends of the jobs, in their order."""
         return [self._over[number] for number in range(len(self._jobs))]
 
@@ -116,20 +116,20 @@ class _Following:
         """Takes the rest as ended without results; their messages may be broken off."""
         for number, job in enumerate(self._jobs):
             if number not in self._over:
-                self._end(number, Finished(name=job.name, status=INTERRUPTED, message="ended at once"))
+                self._end(number, JobResult(name=job.name, status=INTERRUPTED, message="ended at once"))
 
-    def _end(self, number: int, finished: Finished) -> None:
+    def _end(self, number: int, finished: JobResult) -> None:
         self._over[number] = finished
         self._display.end(finished.name, outline(finished))
 
-    def _result(self, future: Future[Finished], number: int) -> Finished:
+    def _result(self, future: Future[JobResult], number: int) -> JobResult:
         name = self._jobs[number].name
         if future.cancelled():
-            return Finished(name=name, status=INTERRUPTED, message="not run")
+            return JobResult(name=name, status=INTERRUPTED, message="not run")
         try:
             return future.result()
         except BrokenProcessPool:
-            return Finished(name=name, status=FAILED, message="its process, or one beside it, was ended from outside")
+            return JobResult(name=name, status=FAILED, message="its process, or one beside it, was ended from outside")
 
     def _take(self, timeout: float) -> None:
         try:
@@ -148,9 +148,9 @@ class _Following:
             self._ended.add(number)
 
 
-def outline(finished: Finished) -> str:
+def outline(finished: JobResult) -> str:
     """A job's end in a few words."""
-    if finished.status not in (DONE, CHECK_FAILED):
+    if finished.status not in (OK, CHECK_FAILED):
         return finished.message
     count = len(finished.outcomes)
     checks = "one check holds" if count == 1 else f"{count} checks hold" if count else "done"
@@ -185,11 +185,11 @@ def _enter(messages: "Queue[Message]", stop: Event) -> None:
     _Link.messages, _Link.stop = messages, stop
 
 
-def _work(number: int, job: Job, designs: Sequence[Design]) -> Finished:
+def _work(number: int, job: Job, designs: Sequence[Design]) -> JobResult:
     """A job in a worker; every error that a person can mend becomes part of the result."""
     told = 0.0
 
-    def report(text: str) -> None:
+    def notify(text: str) -> None:
         _Link.messages.put((number, "note", text))
 
     def progress(done: int, steps: int) -> None:
@@ -204,10 +204,10 @@ def _work(number: int, job: Job, designs: Sequence[Design]) -> Finished:
         if _Link.stop.is_set():
             raise KeyboardInterrupt
         _Link.messages.put((number, "begin", None))
-        return execute(job, report, progress, designs)
+        return run_job(job, notify, progress, designs)
     except KeyboardInterrupt:
-        return Finished(name=job.name, status=INTERRUPTED, message="interrupted before it had results")
-    except (FlexbeamsError, RuntimeError, OSError) as error:
-        return Finished(name=job.name, status=FAILED, message=str(error))
+        return JobResult(name=job.name, status=INTERRUPTED, message="interrupted before it had results")
+    except FlexbeamsError as error:
+        return JobResult(name=job.name, status=FAILED, message=str(error))
     finally:
         _Link.messages.put((number, "end", None))

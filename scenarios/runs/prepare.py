@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from os.path import isfile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from flexbeams.controller.design import Design
 from flexbeams.fmus.units.shipped import interface_of
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import require_sampled
@@ -20,28 +22,28 @@ from flexbeams.scenarios.importing.extraction import unit_description
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.results.metrics import Measurement
 from flexbeams.scenarios.runs.start_values import require_open, start_values
-from flexbeams.scenarios.simulation.cosimulation import Plan, Planner, Recording
-from flexbeams.scenarios.simulation.instance import Declared
+from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.wiring import Wiring, WiringBuilder
 
 LARGEST = 2**30  # bytes of recorded values; files of results take a multiple of it while they are written
 
 
 @dataclass(frozen=True, kw_only=True)
-class Draft:
+class PreparedRun:
     """What is settled before units are built."""
 
     step: float  # s
     steps: int
     models: dict[str, BeamModel]  # of the instances whose units are built
     starts: dict[str, dict[str, float | bool]]
-    plan: Plan
-    instances: dict[str, Declared]
+    wiring: Wiring
+    instances: dict[str, InstanceDeclaration]
 
 
-def draft_run(
-    path: Path, scenario: Scenario, design: Design, settings: Settings, report: Callable[[str], None]
-) -> tuple[Scenario, Draft]:
-    """The plan of a run, and the scenario without the checks that a shorter --stop-time does not reach.
+def prepare_run(
+    path: Path, scenario: Scenario, design: Design, settings: Settings, notify: Callable[[str], None]
+) -> tuple[Scenario, PreparedRun]:
+    """The wiring of a run, and the scenario without the checks that a shorter --stop-time does not reach.
 
     Raises InputError for whatever the scenario or the command line asks for and cannot have.
     """
@@ -56,15 +58,17 @@ def draft_run(
     models = unit_models(path, scenario, design, settings)
     instances = {name: _declared(name, path, scenario, design, models) for name in scenario.instance}
     require_one_design(instances, source)
-    starts = start_values(scenario, instances, settings.values, source)
-    plan = Planner(scenario, instances, source, starts).plan()
-    require_open(plan, settings.values)
-    require_room(plan, steps, scenario.stop_time, settings, source)
-    scenario = _reached(scenario, settings, source, report)
-    blank = _blank(scenario, plan.columns)
+    starts = start_values(scenario, instances, settings.overrides, source)
+    wiring = WiringBuilder(scenario, instances, source, starts).build()
+    require_open(wiring, settings.overrides)
+    require_room(wiring, steps, scenario.stop_time, settings, source)
+    scenario = _reached(scenario, settings, source, notify)
+    blank = _blank(scenario, wiring.columns)
     Measurement(scenario, source, blank, blank).outcomes()
-    require_figures(scenario, plan.columns, None, source)
-    return scenario, Draft(step=step, steps=steps, models=models, starts=starts, plan=plan, instances=instances)
+    require_figures(scenario, wiring.columns, None, source)
+    return scenario, PreparedRun(
+        step=step, steps=steps, models=models, starts=starts, wiring=wiring, instances=instances
+    )
 
 
 def whole_steps(stop_time: float, step: float, settings: Settings, source: str) -> int:
@@ -81,9 +85,9 @@ def whole_steps(stop_time: float, step: float, settings: Settings, source: str) 
     return steps
 
 
-def require_room(plan: Plan, steps: int, stop_time: float, settings: Settings, source: str) -> None:
+def require_room(wiring: Wiring, steps: int, stop_time: float, settings: Settings, source: str) -> None:
     """InputError for a recording that would not fit into memory."""
-    size = 8 * (len(plan.columns) + 1) * (-(-steps // settings.decimate) + 1)
+    size = 8 * (len(wiring.columns) + 1) * (-(-steps // settings.decimate) + 1)
     if size > LARGEST:
         raise InputError(
             "stop_time",
@@ -115,7 +119,7 @@ def with_open_loop(scenario: Scenario, path: Path) -> Scenario:
         return scenario
     beside = path.parent / scenario.open_loop
     try:
-        other = beside if beside.is_file() else find_scenario(scenario.open_loop)
+        other = beside if isfile(beside) else find_scenario(scenario.open_loop)
     except InputError as error:
         raise InputError("open_loop", error.rule, source=str(path)) from None
     if read_scenario(other).open_loop is not None:
@@ -135,12 +139,14 @@ def unit_models(path: Path, scenario: Scenario, design: Design, settings: Settin
         key = (None if settings.basis else instance.basis, instance.order)
         try:
             chosen[name] = models[key] = models.get(key) or design.model(*key)
-        except ValueError as error:
-            raise InputError(f"instance.{name}", str(error), source=str(path)) from None
+        except InputError as error:
+            raise error.at(str(path), f"instance.{name}.") from None
     return chosen
 
 
-def _declared(name: str, path: Path, scenario: Scenario, design: Design, models: dict[str, BeamModel]) -> Declared:
+def _declared(
+    name: str, path: Path, scenario: Scenario, design: Design, models: dict[str, BeamModel]
+) -> InstanceDeclaration:
     instance = scenario.instance[name]
     if instance.unit is not None:
         variables = {
@@ -156,15 +162,15 @@ def _declared(name: str, path: Path, scenario: Scenario, design: Design, models:
             )
             for v in interface_of(instance.unit, design, models[name])
         }
-        return Declared(description=SimpleNamespace(modelName=instance.unit), variables=variables)
+        return InstanceDeclaration(description=SimpleNamespace(modelName=instance.unit), variables=variables)
     key, file = f"instance.{name}.fmu", path.parent / str(instance.fmu)
-    if not file.is_file():
+    if not isfile(file):
         raise InputError(key, "must be a file", str(file), source=str(path))
     description = unit_description(file, key, str(path))
-    return Declared(description=description, variables={v.name: v for v in description.modelVariables})
+    return InstanceDeclaration(description=description, variables={v.name: v for v in description.modelVariables})
 
 
-def require_one_design(instances: Mapping[str, Declared], source: str) -> None:
+def require_one_design(instances: Mapping[str, InstanceDeclaration], source: str) -> None:
     """InputError for units that were not designed together."""
     designs = {name: str(i.variables["design_id"].start) for name, i in instances.items() if "design_id" in i.variables}
     if len(set(designs.values())) > 1:
@@ -174,7 +180,7 @@ def require_one_design(instances: Mapping[str, Declared], source: str) -> None:
         )
 
 
-def _reached(scenario: Scenario, settings: Settings, source: str, report: Callable[[str], None]) -> Scenario:
+def _reached(scenario: Scenario, settings: Settings, source: str, notify: Callable[[str], None]) -> Scenario:
     """The scenario with the checks whose window lies within the run; others are left out only under --stop-time."""
     kept = []
     for k, check in enumerate(scenario.check, 1):
@@ -184,7 +190,7 @@ def _reached(scenario: Scenario, settings: Settings, source: str, report: Callab
         if last <= scenario.stop_time + 1e-9:
             kept.append(check)
         elif settings.stop_time:
-            report(f"check {check.name!r} looks at {last:g} s and is left out")
+            notify(f"check {check.name!r} looks at {last:g} s and is left out")
         else:
             raise InputError(
                 f"check[{k}].{key}", f"must be within the run of {scenario.stop_time:g} s", last, source=source
@@ -196,4 +202,4 @@ def _blank(scenario: Scenario, columns: list[str]) -> Recording:
     """A recording of zeros, with rows at the ends of the run and of each check's window."""
     ends = [t for c in scenario.check for t in (c.after, c.before) if t is not None]
     time = np.unique([0.0, scenario.stop_time, *ends])
-    return Recording(time=time, columns=columns, values=np.zeros((len(time), len(columns))), wall=0.0)
+    return Recording(time=time, columns=columns, values=np.zeros((len(time), len(columns))), wall_seconds=0.0)

@@ -12,6 +12,7 @@ from fmpy import read_model_description
 
 from flexbeams.controller.design import Design, DesignOptions, compute_design
 from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.plant.archive import remove_file
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BasisName, BeamModel
@@ -24,11 +25,13 @@ from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.formats import Format
 from flexbeams.scenarios.results.metrics import Measurement, Outcome, standard_metrics
-from flexbeams.scenarios.runs.prepare import Draft, draft_run, require_figures, unit_models, with_open_loop
-from flexbeams.scenarios.simulation.cosimulation import CoSimulation, Recording
-from flexbeams.scenarios.simulation.frames import plan_frames
-from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
-from flexbeams.scenarios.simulation.stepping import NativeStepper, Stepper, Wiring, stepper_library
+from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run, require_figures, unit_models, with_open_loop
+from flexbeams.scenarios.simulation.cosimulation import CoSimulation
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.frames import frame_layout
+from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.stepping import NativeStepper, SignalBus, Stepper, stepper_library
 
 _LOADED = ("modelDescription.xml", "binaries/", "resources/")  # what of an FMU a run needs
 
@@ -57,26 +60,26 @@ def run_scenario(
     name: str,
     settings: Settings,
     *,
-    report: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, steps: None,
     designs: Sequence[Design] = (),
 ) -> Run:
     """Runs a shipped scenario or a file; raises FlexbeamsError where it cannot start.
 
-    `report` gets notes in one line each; `progress` gets steps done and steps in all. `designs` are finished ones
+    `notify` gets notes in one line each; `progress` gets steps done and steps in all. `designs` are finished ones
     to take where they fit.
     """
     path = find_scenario(name)
     scenario, design = prepare(path, settings, designs)
-    scenario, draft = draft_run(path, scenario, design, settings, report)
+    scenario, draft = prepare_run(path, scenario, design, settings, notify)
     open_loop = None
     if scenario.open_loop is not None:
-        report(f"running {Path(scenario.open_loop).stem} to compare with")
-        others = {key: value for key, value in settings.values.items() if key.startswith("plant.")}
+        notify(f"running {Path(scenario.open_loop).stem} to compare with")
+        others = {key: value for key, value in settings.overrides.items() if key.startswith("plant.")}
         open_loop = run_scenario(
             scenario.open_loop,
-            replace(settings, values=others, frames=False, speed=None),
-            report=report,
+            replace(settings, overrides=others, record_animation=False, real_time_factor=None),
+            notify=notify,
             progress=progress,
             designs=[design],
         ).recording
@@ -84,8 +87,8 @@ def run_scenario(
             raise KeyboardInterrupt
         if open_loop.failure is not None:
             raise open_loop.failure
-        require_figures(scenario, draft.plan.columns, open_loop.columns, str(path))
-    recording = co_simulate(path, scenario, design, settings, draft, report, progress)
+        require_figures(scenario, draft.wiring.columns, open_loop.columns, str(path))
+    recording = co_simulate(path, scenario, design, settings, draft, notify, progress)
     outcomes = Measurement(scenario, str(path), recording, open_loop).outcomes() if recording.complete else []
     summary = run_summary(path.stem, scenario, design.design_id, settings, recording, outcomes)
     return Run(
@@ -142,7 +145,7 @@ def _check_targets(scenario: Scenario, design: Design, settings: Settings, sourc
         instance = scenario.instance.get(owner)
         if instance is None or instance.unit != "FlatnessFeedforward" or variable != "y_target":
             continue
-        limit = settings.values.get(f"{owner}.voltage_limit", instance.start.get("voltage_limit"))
+        limit = settings.overrides.get(f"{owner}.voltage_limit", instance.start.get("voltage_limit"))
         if isinstance(limit, bool) or not isinstance(limit, (int, float)):
             limit = design.options.voltage_limit  # a value of another type is refused where start values are
         for t, target in enumerate(signal.targets or [], 1):
@@ -170,36 +173,36 @@ def co_simulate(
     scenario: Scenario,
     design: Design,
     settings: Settings,
-    draft: Draft,
-    report: Callable[[str], None],
+    draft: PreparedRun,
+    notify: Callable[[str], None],
     progress: Callable[[int, int], None],
 ) -> Recording:
     """Builds what is missing, wires the instances and steps them."""
-    files = unit_files(path, scenario, design, settings, report, draft.models)
-    return step_units(files, draft, scenario, settings, str(path), report, progress)
+    files = unit_files(path, scenario, design, settings, notify, draft.models)
+    return step_units(files, draft, scenario, settings, str(path), notify, progress)
 
 
 def step_units(
     files: Mapping[str, Path],
-    draft: Draft,
+    draft: PreparedRun,
     scenario: Scenario,
     settings: Settings,
     source: str,
-    report: Callable[[str], None],
+    notify: Callable[[str], None],
     progress: Callable[[int, int], None],
     allowance: Allowance | None = None,
 ) -> Recording:
-    """Loads the units of the instances and steps them by the plan; `allowance` bounds what is extracted in all."""
-    plan, steps = draft.plan, draft.steps
+    """Loads the units of the instances and steps them by the wiring; `allowance` bounds what is extracted in all."""
+    wiring, steps = draft.wiring, draft.steps
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         instances: dict[str, UnitInstance] = {}
         try:
             for name, file in files.items():
-                instances[name] = _instance(name, file, Path(folder) / name, source, report, allowance or Allowance())
-            if settings.frames:
-                plan.frames = plan_frames(instances, plan.sources, plan.inputs)
+                instances[name] = _instance(name, file, Path(folder) / name, source, notify, allowance or Allowance())
+            if settings.record_animation:
+                wiring.frames = frame_layout(instances, wiring.sources, wiring.inputs)
             simulation = CoSimulation(
-                instances, plan, draft.step, scenario.coupling, _stepper(instances, settings, steps)
+                instances, wiring, draft.step, scenario.coupling, _stepper(instances, settings, steps)
             )
             try:
                 for name, values in draft.starts.items():
@@ -215,12 +218,12 @@ def step_units(
 
 
 def _instance(
-    name: str, file: Path, folder: Path, source: str, report: Callable[[str], None], allowance: Allowance
+    name: str, file: Path, folder: Path, source: str, notify: Callable[[str], None], allowance: Allowance
 ) -> UnitInstance:
     """An instance of an FMU's file, extracted to a folder."""
     try:
         allowance.extract(file, folder, _LOADED)
-        return UnitInstance(name, folder, read_model_description(str(folder), validate=False), report)
+        return UnitInstance(name, folder, read_model_description(str(folder), validate=False), notify)
     except Exception as error:
         reason = " ".join((str(error).strip() or type(error).__name__).splitlines())
         raise InputError(f"instance.{name}", f"cannot be loaded from {file}: {reason}", source=source) from None
@@ -228,14 +231,14 @@ def _instance(
 
 def _stepper(
     instances: Mapping[str, UnitInstance], settings: Settings, steps: int
-) -> Callable[[Mapping[str, UnitInstance], Wiring], Stepper] | None:
+) -> Callable[[Mapping[str, UnitInstance], SignalBus], Stepper] | None:
     """The loop in C where every unit is C; None stands for the one in Python."""
     if any(i.description.coSimulation.needsExecutionTool for i in instances.values()):
-        if settings.speed is not None:
+        if settings.real_time_factor is not None:
             raise InputError("--real-time", "needs native units")
         return None
     library = stepper_library(settings.build_folder, settings.compiler)
-    pace = None if settings.speed is None else 1 / settings.speed
+    pace = None if settings.real_time_factor is None else 1 / settings.real_time_factor
     return lambda connected, wiring: NativeStepper(connected, wiring, library, pace, steps)
 
 
@@ -244,14 +247,14 @@ def unit_files(
     scenario: Scenario,
     design: Design,
     settings: Settings,
-    report: Callable[[str], None],
+    notify: Callable[[str], None],
     models: Mapping[str, BeamModel] | None = None,
 ) -> dict[str, Path]:
     """The FMU of every instance, in the order of the scenario; missing ones are built, with `models` where given."""
     models = models or unit_models(path, scenario, design, settings)
     wanted = {name: (str(scenario.instance[name].unit), model) for name, model in models.items()}
     built = ensure_units(
-        wanted, design, settings.build_folder, report, backend=settings.backend, compiler=settings.compiler
+        wanted, design, settings.build_folder, notify, backend=settings.backend, compiler=settings.compiler
     )
     return {
         name: built[name] if name in built else path.parent / str(instance.fmu)
@@ -272,17 +275,17 @@ def run_summary(
         "backend": settings.backend,
         "complete": recording.complete,
         "decimate": recording.decimate,
-        "set": settings.values,
+        "set": settings.overrides,
         "checks": [o.record() for o in outcomes],
         "metrics": {**{o.name: o.value for o in outcomes}, **standard_metrics(recording)},
         "timing": {
             "steps": recording.steps,
-            "wall_s": recording.wall,
-            "real_time_factor": simulated / recording.wall if recording.wall else None,
+            "wall_s": recording.wall_seconds,
+            "real_time_factor": simulated / recording.wall_seconds if recording.wall_seconds else None,
         },
     }
-    if recording.lateness is not None and settings.speed is not None and recording.steps > 1:
-        period = simulated / recording.steps / settings.speed
+    if recording.lateness is not None and settings.real_time_factor is not None and recording.steps > 1:
+        period = simulated / recording.steps / settings.real_time_factor
         summary["timing"]["lateness"] = lateness_figures(recording.lateness, period)
     if recording.failure is not None:
         summary["error"] = str(recording.failure)
@@ -319,7 +322,7 @@ def write_run(
     """
     drawn = [f"{figure.file}.{kind}" for figure in run.scenario.figure for kind in ("png", "svg")]
     for name in ("report.html", *drawn):
-        (folder / name).unlink(missing_ok=True)
+        remove_file(folder / name)
     plots = (
         figure_plots(run.scenario, run.recording, folder, run.open_loop) if figures and run.recording.complete else []
     )

@@ -5,15 +5,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
 from flexbeams.scenarios.definition.schema import Scenario, Value
-from flexbeams.scenarios.simulation.cosimulation import Plan
-from flexbeams.scenarios.simulation.instance import Declared, element_names
+from flexbeams.scenarios.simulation.wiring import Wiring
 
 _INTEGERS = range(-(2**31), 2**31)
 
 
 def start_values(
-    scenario: Scenario, instances: Mapping[str, Declared], settings: Mapping[str, Value], source: str
+    scenario: Scenario, instances: Mapping[str, InstanceDeclaration], settings: Mapping[str, Value], source: str
 ) -> dict[str, dict[str, float | bool]]:
     """Start values of each instance by variable; `settings` has those of --set. InputError for one that cannot be."""
     values: dict[str, dict[str, float | bool]] = {name: {} for name in instances}
@@ -37,14 +37,14 @@ def start_values(
     return values
 
 
-def require_open(plan: Plan, settings: Mapping[str, Value]) -> None:
+def require_open(wiring: Wiring, settings: Mapping[str, Value]) -> None:
     """InputError for a --set of an input that a connection or a signal drives: it would never be seen."""
     external = {
-        place for span, signal in plan.external if isinstance(signal, float) for place in range(span.start, span.stop)
+        place for span, signal in wiring.external if isinstance(signal, float) for place in range(span.start, span.stop)
     }
     for key in settings:
         owner, _, variable = key.removesuffix("[]").partition(".")
-        driven = [n for n, place in plan.inputs[owner] if place not in external]
+        driven = [n for n, place in wiring.inputs[owner] if place not in external]
         if any(n == variable or n.startswith(f"{variable}[") for n in driven):
             raise InputError("--set", "must not set an input that the scenario drives", key)
 

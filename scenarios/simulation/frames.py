@@ -2,18 +2,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.simulation.instance import UnitInstance, element_names
+from flexbeams.scenarios.definition.declaration import element_names
 
-RATE = 50  # frames for each simulated second at most
-LIMIT = 3000  # frames of a run at most; a longer run has them at wider intervals
+if TYPE_CHECKING:
+    from flexbeams.scenarios.simulation.instance import UnitInstance
+
+MAX_RATE = 50  # frames for each simulated second at most
+MAX_FRAMES = 3000  # frames of a run at most; a longer run has them at wider intervals
 
 
 @dataclass(frozen=True, kw_only=True)
-class FramePlan:
+class FrameLayout:
     """A frame: the plant's w by one call of fmi2GetReal, then values that stand in the array of signals."""
 
     plant: str  # instance
@@ -32,34 +36,34 @@ class FramePlan:
 class Frames:
     """What was taken: row k stands at step k * every."""
 
-    plan: FramePlan
+    layout: FrameLayout
     every: int  # steps between frames
     values: Array  # (frames, stations + places)
 
     @property
-    def shapes(self) -> Array:
+    def deflections(self) -> Array:
         """Deflections w (frames, r * STATIONS), m."""
-        return self.values[:, : len(self.plan.stations)]
+        return self.values[:, : len(self.layout.stations)]
 
     @property
     def voltages(self) -> Array:
         """The plant's u (frames, n_u), V."""
-        return self._part(0, len(self.plan.voltages))
+        return self._part(0, len(self.layout.voltages))
 
     @property
     def reference(self) -> tuple[Array, Array]:
         """The feedforward's x_ref (frames, m) and u_ff (frames, n_u); both of width 0 where there is none."""
-        first, middle = len(self.plan.voltages), len(self.plan.voltages) + len(self.plan.reference)
-        return self._part(first, middle), self._part(middle, middle + len(self.plan.feedforward))
+        first, middle = len(self.layout.voltages), len(self.layout.voltages) + len(self.layout.reference)
+        return self._part(first, middle), self._part(middle, middle + len(self.layout.feedforward))
 
     def _part(self, start: int, stop: int) -> Array:
-        offset = len(self.plan.stations)
+        offset = len(self.layout.stations)
         return self.values[:, offset + start : offset + stop]
 
 
-def plan_frames(
-    instances: Mapping[str, UnitInstance], sources: Mapping[str, int], inputs: Mapping[str, list[tuple[str, int]]]
-) -> FramePlan | None:
+def frame_layout(
+    instances: Mapping[str, "UnitInstance"], sources: Mapping[str, int], inputs: Mapping[str, list[tuple[str, int]]]
+) -> FrameLayout | None:
     """Frames of the first plant among the instances; None where there is none. Arguments as in a Plan."""
     kinds = {i.description.modelName: name for name, i in reversed(list(instances.items()))}
     plant, leader = kinds.get("BeamPlant"), kinds.get("FlatnessFeedforward")
@@ -71,7 +75,7 @@ def plan_frames(
         names = element_names(instances[leader].variables, array) if leader else []
         return [sources[f"{leader}.{n}"] for n in names]
 
-    return FramePlan(
+    return FrameLayout(
         plant=plant,
         stations=element_names(variables, "w"),
         voltages=[driven[n] for n in element_names(variables, "u")],
@@ -81,34 +85,36 @@ def plan_frames(
 
 
 def frame_interval(steps: int, step: float) -> int:
-    """Steps between frames, so that there are at most RATE each second and LIMIT in all."""
-    return max(1, int(np.ceil(1 / (RATE * step) - 1e-9)), -(-steps // (LIMIT - 1)))
+    """Steps between frames, so that there are at most MAX_RATE each second and MAX_FRAMES in all."""
+    return max(1, int(np.ceil(1 / (MAX_RATE * step) - 1e-9)), -(-steps // (MAX_FRAMES - 1)))
 
 
 class FrameRecorder:
     """Takes frames while a run steps; `due` is the next step to take one at, -1 where none are wanted."""
 
-    def __init__(self, plan: FramePlan | None, instances: Mapping[str, UnitInstance], steps: int, step: float) -> None:
-        self._plan, self._count, self.due = plan, 0, -1
-        if plan is None:
+    def __init__(
+        self, layout: FrameLayout | None, instances: Mapping[str, "UnitInstance"], steps: int, step: float
+    ) -> None:
+        self._layout, self._count, self.due = layout, 0, -1
+        if layout is None:
             return
         self._every = frame_interval(steps, step)
-        self._places = np.array(plan.places, dtype=np.intp)
-        self._rows = np.empty((steps // self._every + 1, len(plan.stations) + len(self._places)))
-        self._read = instances[plan.plant].reader(plan.stations)
+        self._places = np.array(layout.places, dtype=np.intp)
+        self._rows = np.empty((steps // self._every + 1, len(layout.stations) + len(self._places)))
+        self._read = instances[layout.plant].reader(layout.stations)
         self.due = 0
 
     def take(self, signals: Array) -> None:
         """The frame of step `due`, from the plant and the array of signals as they stand at its beginning."""
-        assert self._plan is not None
+        assert self._layout is not None
         row = self._rows[self._count]
         self._read(row)
-        np.take(signals, self._places, out=row[len(self._plan.stations) :])
+        np.take(signals, self._places, out=row[len(self._layout.stations) :])
         self._count += 1
         self.due += self._every
 
     def taken(self) -> Frames | None:
         """The frames so far."""
-        if self._plan is None:
+        if self._layout is None:
             return None
-        return Frames(plan=self._plan, every=self._every, values=self._rows[: self._count])
+        return Frames(layout=self._layout, every=self._every, values=self._rows[: self._count])

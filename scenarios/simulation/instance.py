@@ -1,7 +1,6 @@
 """One FMU instance for the stepping loop: value references looked up once, buffers shared with the runner."""
 
 import ctypes
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +20,9 @@ from fmpy.fmi2 import (
 from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
+from flexbeams.scenarios.definition.declaration import TYPE_ORDER
+from flexbeams.scenarios.simulation.failure import UnitFailure
 
-READ_ORDER = ("Real", "Integer", "Boolean")  # of the types that a run reads
 _WARNING = 1
 _POINTERS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
 _FUNCTIONS = {
@@ -34,24 +34,8 @@ _FUNCTIONS = {
 }
 
 
-class UnitFailure(RuntimeError):
-    """A unit refused a call; names instance, time, function and what the unit logged."""
-
-    def __init__(self, instance: str, time: float, function: str, reason: str) -> None:
-        own = re.sub(r"^fmi2\w+: ", "", reason)  # native units name the function themselves
-        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {own}")
-
-
 @dataclass(frozen=True, kw_only=True)
-class Declared:
-    """An instance as its modelDescription declares it, there before the instance itself."""
-
-    description: Any  # with modelName
-    variables: dict[str, Any]  # by name; each with name, type, causality, start, min and max
-
-
-@dataclass(frozen=True, kw_only=True)
-class Port:
+class ValueReferences:
     """Value references that a run reads and writes at every step."""
 
     written: NDArray[np.uint32]  # Real inputs
@@ -65,15 +49,15 @@ class UnitInstance:
 
     `connect` fixes which value references are read and written and where their values stand in arrays of the
     caller; `read`, `write` and `step` then take no arguments but the time and call the library with cached
-    pointers: FMPy's own calls convert lists and cost more than the model. Messages of the unit go to `report`.
+    pointers: FMPy's own calls convert lists and cost more than the model. Messages of the unit go to `notify`.
     """
 
-    def __init__(self, name: str, folder: Path, description: Any, report: Callable[[str], None]) -> None:
+    def __init__(self, name: str, folder: Path, description: Any, notify: Callable[[str], None]) -> None:
         self.name = name
         self.description = description
         self.variables = {v.name: v for v in description.modelVariables}
-        self._report = report
-        self.reason = ""
+        self._notify = notify
+        self.last_error = ""
         self._callbacks = fmi2CallbackFunctions()
         self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
@@ -94,7 +78,7 @@ class UnitInstance:
             self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in known)
         except Exception as error:
             self._fmu.freeLibrary()
-            raise UnitFailure(name, 0.0, "fmi2Instantiate", self.reason or str(error)) from None
+            raise UnitFailure(name, 0.0, "fmi2Instantiate", self.last_error or str(error)) from None
         self.component = self._fmu.component
         self._functions = {}
         for function, types in _FUNCTIONS.items():
@@ -107,19 +91,19 @@ class UnitInstance:
             del lines[0]  # what pythonfmu's wrapper puts before the unit's own text
         text = " ".join(lines)
         if status > 1:
-            self.reason = text
+            self.last_error = text
         elif text:
-            self._report(f"{self.name}: {text}")
+            self._notify(f"{self.name}: {text}")
 
     def call(self, function: str, *arguments: Any) -> Any:
         """Calls an FMI function by the name that FMPy gives it; UnitFailure with the logged reason otherwise."""
-        self.reason = ""
+        self.last_error = ""
         try:
             result = getattr(self._fmu, function)(*arguments)
         except FMICallException as error:
-            raise UnitFailure(self.name, self.time, function, self.reason or str(error)) from None
-        if self.reason:  # a unit that cannot return fmi2Error has logged it
-            raise UnitFailure(self.name, self.time, function, self.reason)
+            raise UnitFailure(self.name, self.time, function, self.last_error or str(error)) from None
+        if self.last_error:  # a unit that cannot return fmi2Error has logged it
+            raise UnitFailure(self.name, self.time, function, self.last_error)
         return result
 
     def set_start(self, name: str, value: float | bool | str) -> None:
@@ -145,27 +129,27 @@ class UnitInstance:
         `read` has the Real variables first, then the Integer, then the Boolean ones.
         """
         kinds = [self.variables[n].type for n in read]
-        if kinds != sorted(kinds, key=READ_ORDER.index):
+        if kinds != sorted(kinds, key=TYPE_ORDER.index):
             raise ValueError("read must have Real, then Integer, then Boolean variables")
-        by_kind = {kind: self._references([n for n in read if self.variables[n].type == kind]) for kind in READ_ORDER}
-        self.port = Port(
+        by_kind = {kind: self._references([n for n in read if self.variables[n].type == kind]) for kind in TYPE_ORDER}
+        self.references = ValueReferences(
             written=self._references(write),
             read=by_kind["Real"],
             integers=by_kind["Integer"],
             booleans=by_kind["Boolean"],
         )
         self._into, self.inputs = into, np.zeros(len(write))
-        n_real, n_integer = len(self.port.read), len(self.port.integers)
+        n_real, n_integer = len(self.references.read), len(self.references.integers)
         self._discrete = []
         for function, references, first in (
-            ("fmi2GetInteger", self.port.integers, n_real),
-            ("fmi2GetBoolean", self.port.booleans, n_real + n_integer),
+            ("fmi2GetInteger", self.references.integers, n_real),
+            ("fmi2GetBoolean", self.references.booleans, n_real + n_integer),
         ):
             if len(references):
                 values = np.zeros(len(references), np.int32)
                 self._discrete.append((function, self._arguments(references, values), values, first))
-        self._read = self._arguments(self.port.read, into) if n_real else None
-        self._write = self._arguments(self.port.written, self.inputs) if write else None
+        self._read = self._arguments(self.references.read, into) if n_real else None
+        self._write = self._arguments(self.references.written, self.inputs) if write else None
 
     def reader(self, names: list[str]) -> Callable[[Array], None]:
         """A function that fills the head of an array with the values of Real variables, all in one call."""
@@ -200,8 +184,8 @@ class UnitInstance:
 
     def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
         status = self._functions[function](*arguments)
-        if status > _WARNING or self.reason:
-            raise UnitFailure(self.name, self.time, function, self.reason or f"status {status}")
+        if status > _WARNING or self.last_error:
+            raise UnitFailure(self.name, self.time, function, self.last_error or f"status {status}")
 
     def _references(self, names: list[str]) -> NDArray[np.uint32]:
         return np.array([self.variables[n].valueReference for n in names], dtype=np.uint32)
@@ -215,7 +199,7 @@ class UnitInstance:
         try:
             self._fmu.terminate()
         except Exception:
-            self.reason = ""
+            self.last_error = ""
         self._fmu.freeInstance()
 
     def __enter__(self) -> "UnitInstance":
@@ -225,11 +209,3 @@ class UnitInstance:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def element_names(variables: dict[str, Any], name: str) -> list[str]:
-    """The scalars that a name means: itself, or all elements name[1], name[2], ... ; empty where there are none."""
-    if name in variables:
-        return [name]
-    prefix = f"{name}["
-    return [n for n in variables if n.startswith(prefix) and n.endswith("]") and "]." not in n]

@@ -15,13 +15,14 @@ from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.schema import Coupling
-from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
 
 _NATIVE = Path(__file__).parent / "native"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wiring:
+class SignalBus:
     """One array of signals, outputs by instance first and external ones last, and who takes what from it."""
 
     signals: Array  # (n,)
@@ -51,27 +52,27 @@ class Stepper(Protocol):
 class PythonStepper:
     """The loop in Python, through FMPy."""
 
-    def __init__(self, instances: Mapping[str, UnitInstance], wiring: Wiring) -> None:
-        self._instances, self._wiring, self.done = instances, wiring, 0
+    def __init__(self, instances: Mapping[str, UnitInstance], bus: SignalBus) -> None:
+        self._instances, self._bus, self.done = instances, bus, 0
         self.lateness: Array | None = None
 
     def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
         """See Stepper.advance."""
-        wiring = self._wiring
-        move = self._jacobi if wiring.coupling == "jacobi" else self._gauss_seidel
-        driven = wiring.signals[wiring.first_external :]
+        bus = self._bus
+        move = self._jacobi if bus.coupling == "jacobi" else self._gauss_seidel
+        driven = bus.signals[bus.first_external :]
         self.done = first
         for row in external:
             driven[:] = row
-            wiring.signals.take(wiring.recorded, out=rows[-(-self.done // every)], mode="clip")
-            move(self.done * wiring.step)
+            bus.signals.take(bus.recorded, out=rows[-(-self.done // every)], mode="clip")
+            move(self.done * bus.step)
             self.done += 1
         return len(external)
 
     def exchange(self, name: str) -> None:
         """Hands an instance its inputs as they stand."""
         instance = self._instances[name]
-        self._wiring.signals.take(self._wiring.sources[name], out=instance.inputs, mode="clip")
+        self._bus.signals.take(self._bus.sources[name], out=instance.inputs, mode="clip")
         instance.write()
 
     def _jacobi(self, time: float) -> None:
@@ -79,7 +80,7 @@ class PythonStepper:
         for name in self._instances:
             self.exchange(name)
         for instance in self._instances.values():
-            instance.step(time, self._wiring.step)
+            instance.step(time, self._bus.step)
         for instance in self._instances.values():
             instance.read()
 
@@ -87,7 +88,7 @@ class PythonStepper:
         """Units step in their order and pass on new values at once."""
         for name, instance in self._instances.items():
             self.exchange(name)
-            instance.step(time, self._wiring.step)
+            instance.step(time, self._bus.step)
             instance.read()
 
 
@@ -147,33 +148,33 @@ class NativeStepper:
     def __init__(
         self,
         instances: Mapping[str, UnitInstance],
-        wiring: Wiring,
+        bus: SignalBus,
         library: Path,
         pace: float | None = None,
         steps: int = 0,
     ) -> None:
-        self._instances, self._wiring, self.done = list(instances.values()), wiring, 0
+        self._instances, self._bus, self.done = list(instances.values()), bus, 0
         self._library = ctypes.CDLL(str(library))
         self._library.run_block.restype = ctypes.c_size_t
         self._library.time_block.restype = ctypes.c_size_t
         self._library.pace_clock.restype = ctypes.c_double
         self._kept: list[Any] = []  # what the C structures point to
         table = (_Instance * len(instances))(*[self._describe(i) for i in self._instances])
-        recorded = _spans(wiring.recorded)
+        recorded = _spans(bus.recorded)
         self._kept.append(recorded)
         self._run = _Run(
             instances=table,
             n_instances=len(instances),
-            gauss_seidel=wiring.coupling != "jacobi",
-            step=wiring.step,
-            signals=wiring.signals.ctypes.data,
-            n_signals=len(wiring.signals),
-            first_external=wiring.first_external,
+            gauss_seidel=bus.coupling != "jacobi",
+            step=bus.step,
+            signals=bus.signals.ctypes.data,
+            n_signals=len(bus.signals),
+            first_external=bus.first_external,
             recorded=recorded.ctypes.data,
             n_spans=len(recorded),
-            n_recorded=len(wiring.recorded),
+            n_recorded=len(bus.recorded),
         )
-        self._pace = None if pace is None else _Pace(started=0.0, seconds_per_step=pace * wiring.step, lateness=None)
+        self._pace = None if pace is None else _Pace(started=0.0, seconds_per_step=pace * bus.step, lateness=None)
         self.lateness = None if pace is None else np.zeros(steps)
 
     def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
@@ -217,36 +218,37 @@ class NativeStepper:
             function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
             raise UnitFailure(
                 instance.name,
-                self.done * self._wiring.step,
+                self.done * self._bus.step,
                 function,
-                instance.reason or f"status {self._run.failed_status}",
+                instance.last_error or f"status {self._run.failed_status}",
             )
         return done
 
     def _describe(self, instance: UnitInstance) -> _Instance:
-        port = instance.port
-        sources = _spans(self._wiring.sources[instance.name])
-        scratch = np.zeros(max(len(port.integers) + len(port.booleans), 1), np.int32)
+        references = instance.references
+        sources = _spans(self._bus.sources[instance.name])
+        scratch = np.zeros(max(len(references.integers) + len(references.booleans), 1), np.int32)
         arrays = [
-            np.array(references, np.uint32) for references in (port.written, port.read, port.integers, port.booleans)
+            np.array(array, np.uint32)
+            for array in (references.written, references.read, references.integers, references.booleans)
         ]
         self._kept += [sources, scratch, *arrays]
         written, read, integers, booleans = (a.ctypes.data for a in arrays)
         return _Instance(
             component=instance.component,
             written=written,
-            n_written=len(port.written),
+            n_written=len(references.written),
             sources=sources.ctypes.data,
             n_sources=len(sources),
             inputs=instance.inputs.ctypes.data,
             read=read,
-            n_read=len(port.read),
+            n_read=len(references.read),
             integers=integers,
-            n_integers=len(port.integers),
+            n_integers=len(references.integers),
             booleans=booleans,
-            n_booleans=len(port.booleans),
+            n_booleans=len(references.booleans),
             scratch=scratch.ctypes.data,
-            first_output=self._wiring.spans[instance.name].start,
+            first_output=self._bus.spans[instance.name].start,
             **{
                 field: instance.address(name)
                 for field, name in (

@@ -13,9 +13,9 @@ from flexbeams.fmus.documents.xml_documents import SSV
 from flexbeams.fmus.references.results import EXPERIMENTS_TYPE, FOLDER, MANIFEST, SET_TYPE
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.definition.declaration import TYPE_ORDER
 from flexbeams.scenarios.definition.time_table import TimeTable, read_time_table
 from flexbeams.scenarios.importing.documents import read_document, schema_problems
-from flexbeams.scenarios.simulation.instance import READ_ORDER
 
 Value = float | bool | str
 UNSTATED = 1e-6  # tolerance of an experiment that states none
@@ -128,7 +128,7 @@ def read_trial(folder: Path, description: Any, experiment: Declared) -> Trial:
         raise InputError("References", f"must lie within {LONGEST} steps of {step:g} s from {start:g} s on")
     if np.max(np.abs(ticks - np.round(ticks))) > 1e-6:
         raise InputError("References", f"must have rows at multiples of {step:g} s alone")
-    names = sorted(_selected(experiment.references, references), key=lambda n: READ_ORDER.index(variables[n].type))
+    names = sorted(_selected(experiment.references, references), key=lambda n: TYPE_ORDER.index(variables[n].type))
     stimuli = None if experiment.stimuli is None else _table(folder, experiment.base, experiment.stimuli, variables)
     inputs = [] if stimuli is None else stimuli.columns
     for name in inputs:
@@ -172,8 +172,8 @@ def _table(folder: Path, base: str, element: Any, variables: dict[str, Any]) -> 
     for name in table.columns:
         if name not in variables:
             raise InputError(source, "must name variables of the unit" + suggestion(name, variables), name)
-        if variables[name].type not in READ_ORDER:
-            raise InputError(source, f"must be of {', '.join(READ_ORDER)}", name)
+        if variables[name].type not in TYPE_ORDER:
+            raise InputError(source, f"must be of {', '.join(TYPE_ORDER)}", name)
     return table
 
 

@@ -12,7 +12,8 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.importing.archives import Allowance
 from flexbeams.scenarios.importing.extraction import unit_description
-from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import Declared, Trial, declared_experiments, read_trial
 
 

@@ -292,7 +292,7 @@ def test_bad_options_are_refused_by_name(table: dict[str, object], message: str)
     ("options", "message"),
     [
         ({"reduced_modes": 11}, "reduced_modes must keep 1 to 30 position states, got 33"),
-        ({"basis": "segment", "order": 2}, "order of the basis segment must be >= 3, got 2"),
+        ({"basis": "segment", "order": 2}, "order must be >= 3 for the basis segment, got 2"),
         ({"order": 2}, "reduced_modes must keep 1 to 6 position states, got 15"),
     ],
 )

@@ -18,15 +18,16 @@ from fmpy.validation import validate_fmu
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.declaration import TYPE_ORDER
 from flexbeams.scenarios.definition.schema import find_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.closed_loop import export_closed_loop
 from flexbeams.scenarios.exporting.ssp import export_ssp
 from flexbeams.scenarios.runs.package import run_package
-from flexbeams.scenarios.runs.prepare import draft_run
+from flexbeams.scenarios.runs.prepare import prepare_run
 from flexbeams.scenarios.runs.scenario import prepare, run_scenario
-from flexbeams.scenarios.simulation.cosimulation import Recording
-from flexbeams.scenarios.simulation.instance import READ_ORDER, UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
 from tests.native.workshop import native_folder, needs_zig, workspace
 from tests.units.loaded import Loaded, loaded
@@ -70,7 +71,7 @@ pytestmark = [needs_zig, pytest.mark.usefixtures("known_designs")]
 
 
 def settings(**changed: Any) -> Settings:
-    return Settings(frames=False, build_folder=workspace() / "build", **changed)
+    return Settings(record_animation=False, build_folder=workspace() / "build", **changed)
 
 
 def exported(scenario: str, **changed: Any) -> Path:
@@ -89,12 +90,12 @@ def stimuli(scenario: str, inputs: list[str], **changed: Any) -> Array:
     """What drives the inputs of a closed loop in a scenario, a row for each step and the end of the last."""
     path = find_scenario(scenario)
     read, design = prepare(path, settings(**changed))
-    _, draft = draft_run(path, read, design, settings(**changed), lambda text: None)
+    _, draft = prepare_run(path, read, design, settings(**changed), lambda text: None)
     time = np.arange(draft.steps + 1) * draft.step
-    signals = np.zeros((len(time), draft.plan.size))
-    for span, signal in draft.plan.external:
+    signals = np.zeros((len(time), draft.wiring.size))
+    for span, signal in draft.wiring.external:
         signals[:, span] = signal if isinstance(signal, float) else signal.sample(time)
-    places = {f"{owner}.{name}": place for owner, pairs in draft.plan.inputs.items() for name, place in pairs}
+    places = {f"{owner}.{name}": place for owner, pairs in draft.wiring.inputs.items() for name, place in pairs}
     return np.column_stack([signals[:, places[n]] if n in places else np.zeros(len(time)) for n in inputs])
 
 
@@ -103,7 +104,7 @@ def drive(unit: Loaded, rows: Array, columns: list[str], step: float, every: int
 
     The host steps by `every` of them, its clock exact or added up.
     """
-    order = sorted(columns, key=lambda c: READ_ORDER.index(unit.variables[c].type))
+    order = sorted(columns, key=lambda c: TYPE_ORDER.index(unit.variables[c].type))
     values = np.zeros(len(columns))
     unit.connect(order, values, [n for n, v in unit.variables.items() if v.causality == "input"])
     unit.prepare()
@@ -145,7 +146,7 @@ def alone(scenario: str, every: int = 1, added_up: bool = False, **changed: Any)
             "mismatch",
             {
                 "stop_time": 1.1,
-                "values": {
+                "overrides": {
                     "plant.strain_noise_std": 1e-6,
                     "plant.noise_seed": 5.0,
                     "plant.start_at_rest_under": [50.0, 0.0, -20.0, 0.0],
@@ -276,7 +277,7 @@ def test_parameters_reach_the_parts() -> None:
         "feedforward.transition_time": 0.7,
         "controller.feedback": False,
     }
-    built, recording = alone("tracking", stop_time=1.2, values=changed)
+    built, recording = alone("tracking", stop_time=1.2, overrides=changed)
     with loaded(tracking()) as unit:
         rows = stimuli("tracking", [n for n, v in unit.variables.items() if v.causality == "input"], stop_time=1.2)
         for name, value in changed.items():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexbeams.controller.planner import Motion
-from flexbeams.scenarios.simulation.instance import UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 

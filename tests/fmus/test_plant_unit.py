@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve, expm
 
 from flexbeams.plant.galerkin import BeamModel, beam_model
-from flexbeams.scenarios.simulation.instance import UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 

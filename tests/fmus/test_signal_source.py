@@ -27,7 +27,8 @@ from flexbeams.scenarios.definition.schema import (
 )
 from flexbeams.scenarios.definition.signals import signal_of
 from flexbeams.scenarios.exporting.source_signals import source_signals
-from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
 
 STEP = 2e-4  # s, of the unit
 INPUTS = {

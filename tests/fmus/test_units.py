@@ -12,7 +12,7 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from flexbeams.fmus.units.shipped import UNITS, interface_of
-from flexbeams.scenarios.simulation.instance import UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 

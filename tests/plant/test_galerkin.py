@@ -272,8 +272,8 @@ def test_default_orders() -> None:
     ("basis", "order", "message"),
     [
         ("hermite", 4, "basis must be one of clamped_free, segment, got 'hermite'"),
-        ("clamped_free", 0, "order of the basis clamped_free must be >= 1, got 0"),
-        ("segment", 2, "order of the basis segment must be >= 3, got 2"),
+        ("clamped_free", 0, "order must be >= 1 for the basis clamped_free, got 0"),
+        ("segment", 2, "order must be >= 3 for the basis segment, got 2"),
     ],
 )
 def test_refusals(basis: BasisName, order: int, message: str) -> None:

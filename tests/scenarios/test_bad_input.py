@@ -151,7 +151,7 @@ SCENARIOS = {
     ),
     "an order too low": (
         swapped('"BeamPlant"', '"BeamPlant"\nbasis = "segment"\norder = 2'),
-        "instance.plant order of the basis segment must be >= 3, got 2",
+        "instance.plant.order must be >= 3 for the basis segment, got 2",
     ),
     "an unknown start value": (
         swapped("start.transition_time", "start.transition_tim"),
@@ -490,7 +490,7 @@ def test_option_with(case: str, refused: Refused, write_scenario: Write, capsys:
         ("none.toml", "scenario 'none.toml' is neither a file nor a shipped scenario"),
         ("", "scenario '' is neither a file nor a shipped scenario"),
         ("a\0b", "is neither a file nor a shipped scenario"),
-        ("x" * 5000, "File name too long"),
+        ("x" * 5000, "is neither a file nor a shipped scenario"),
     ],
 )
 def test_no_such_scenario(refused: Refused, name: str, complaint: str) -> None:

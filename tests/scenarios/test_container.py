@@ -25,8 +25,9 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import signal_of
 from flexbeams.scenarios.exporting.container import export_container
 from flexbeams.scenarios.runs.scenario import run_scenario
-from flexbeams.scenarios.simulation.cosimulation import Recording
-from flexbeams.scenarios.simulation.instance import UnitFailure, UnitInstance
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.recording import Recording
 from tests.helpers import ALLOCATOR_NOISE, CYCLES, PUSHED_SCENARIO, Export, exported_once, resident
 from tests.units.loaded import pushed_in_turn
 
@@ -63,7 +64,10 @@ def reference(run_folder: Path) -> Callable[[str, Any], Recording]:
     def run(scenario: str, coupling: Any) -> Recording:
         if (scenario, coupling) not in made:
             settings = Settings(
-                frames=False, build_folder=run_folder / "build/fmus", coupling=coupling, stop_time=STOPS[scenario]
+                record_animation=False,
+                build_folder=run_folder / "build/fmus",
+                coupling=coupling,
+                stop_time=STOPS[scenario],
             )
             made[scenario, coupling] = run_scenario(scenario, settings).recording
         return made[scenario, coupling]
@@ -170,7 +174,7 @@ def test_fmpy_s_master_gives_the_same_results(
     """Targets and parameters that a host sets before the initialisation count from the first step on."""
     text = find_scenario("tracking").read_text().replace("time = 1.0, value", "time = 0.0, value")
     values = {"feedforward.transition_time": 0.1, "plant.beam[2].tip_mass": 0.03, "controller.feedback": False}
-    reference = run_scenario(str(write_scenario("early", text)), short(stop_time=0.3, values=values)).recording
+    reference = run_scenario(str(write_scenario("early", text)), short(stop_time=0.3, overrides=values)).recording
     target = dict(zip([f"feedforward.y_target[{k}]" for k in (1, 2, 3, 4)], (-8e-3, 1e-3, 4e-3, -6e-3), strict=True))
     outputs = [n for n in reference.columns if n.startswith(("plant.y_p", "controller.u", "feedforward.y_ref"))]
     table = fmpy.simulate_fmu(
@@ -193,7 +197,7 @@ def test_a_structure_that_starts_at_rest_under_voltages(
 ) -> None:
     """The first values of the strains pass through the loop as in the runner."""
     values: dict[str, Any] = {f"plant.start_at_rest_under[{k}]": 50.0 * k for k in (1, 2, 3, 4)}
-    reference = run_scenario("tracking", short(stop_time=0.04, coupling=coupling, values=values)).recording
+    reference = run_scenario("tracking", short(stop_time=0.04, coupling=coupling, overrides=values)).recording
     with load(export("tracking", coupling=coupling)) as unit:
         for name, value in values.items():
             unit.set_start(name, value)
@@ -260,7 +264,7 @@ def test_start_values_are_equal_in_description_and_kernel(export: Export, load: 
         "controller.feedback": 0.0,
         "plant.force[2]": 0.5,
     }
-    with load(export("mismatch", values=values)) as unit:
+    with load(export("mismatch", overrides=values)) as unit:
         read = {"Boolean": lambda text: {"true": 1.0, "false": 0.0}[text], "Real": float, "Integer": float}
         starts = {n: read[v.type](v.start) for n, v in unit.variables.items() if v.start is not None and v.type in read}
         assert len(starts) > 50
@@ -306,7 +310,7 @@ def test_values_that_units_refuse_are_refused(export: Export, load: Host) -> Non
 
 def test_equal_exports_have_equal_bytes(pushed: Path, export: Export, tmp_path: Path) -> None:
     one, other = export(str(pushed)), export(str(pushed), coupling="gauss-seidel")
-    again = export_container(str(pushed), tmp_path / "again.fmu", Settings(frames=False, coupling="jacobi"))
+    again = export_container(str(pushed), tmp_path / "again.fmu", Settings(record_animation=False, coupling="jacobi"))
     assert hashlib.sha256(one.read_bytes()).digest() == hashlib.sha256(again.read_bytes()).digest()
     assert fmpy.read_model_description(str(one)).guid != fmpy.read_model_description(str(other)).guid
 
@@ -326,7 +330,7 @@ def test_the_console_stays_clean(pushed: Path, tmp_path: Path, capfd: pytest.Cap
 def test_binaries_lie_where_the_container_looks_for_them(pushed: Path, tmp_path: Path) -> None:
     """The tool's macOS binary is one for arm64, and loads units from darwin64."""
     wanted = ("x86_64-linux", "x86_64-windows", "aarch64-darwin")
-    path = export_container(str(pushed), tmp_path / "all.fmu", Settings(frames=False), wanted)
+    path = export_container(str(pushed), tmp_path / "all.fmu", Settings(record_animation=False), wanted)
     with zipfile.ZipFile(path) as archive:
         binaries = [n for n in archive.namelist() if "binaries/" in n]
         folders = {re.sub(r".*binaries/(.*)/.*", r"\1", n) for n in binaries if n.startswith("binaries/")}
@@ -358,7 +362,7 @@ def test_platforms_without_a_binary_are_refused(
 ) -> None:
     out = tmp_path / "no.fmu"
     with pytest.raises(InputError, match=message):
-        export_container("tracking", out, Settings(frames=False), platforms)
+        export_container("tracking", out, Settings(record_animation=False), platforms)
     options = [option for platform in platforms for option in ("--platform", platform)]
     assert main(["export", "tracking", "--format", "container", "-o", str(out), *options]) == 2
     assert re.fullmatch(f"flexbeams: {message}\n", capsys.readouterr().err)
@@ -386,7 +390,7 @@ def test_a_missing_tool_is_named(
 
     monkeypatch.setattr("flexbeams.scenarios.exporting.container.version", version)
     with pytest.raises(BuildError, match=message):
-        export_container("tracking", tmp_path / "no.fmu", Settings(frames=False))
+        export_container("tracking", tmp_path / "no.fmu", Settings(record_animation=False))
     assert main(["export", "tracking", "--format", "container", "-o", str(tmp_path / "no.fmu")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
@@ -400,7 +404,7 @@ def test_what_the_tool_refuses_is_one_line(pushed: Path, tmp_path: Path, monkeyp
 
     monkeypatch.setattr(FMUContainer, "add_link", refuse)
     with pytest.raises(BuildError, match=r"^the container cannot be made: no such port$"):
-        export_container(str(pushed), tmp_path / "no.fmu", Settings(frames=False))
+        export_container(str(pushed), tmp_path / "no.fmu", Settings(record_animation=False))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -424,7 +428,7 @@ def test_fmus_that_a_scenario_brings_along_go_inside(
             if name.startswith("resources/02/"):
                 theirs.writestr(name.removeprefix("resources/02/"), archive.read(name))
     scenario = write_scenario("both", BROUGHT.format(start=""))
-    both = export_container(str(scenario), tmp_path / "both.fmu", Settings(frames=False))
+    both = export_container(str(scenario), tmp_path / "both.fmu", Settings(record_animation=False))
     assert validate_fmu(str(both)) == []
     description = fmpy.read_model_description(str(both))
     assert all(unknown.dependencies is None for unknown in description.outputs)  # nobody knows them
@@ -437,7 +441,7 @@ def test_fmus_that_a_scenario_brings_along_go_inside(
 
     def refused(message: str, platforms: tuple[str, ...] = ("host",)) -> None:
         with pytest.raises(InputError, match=message):
-            export_container(str(scenario), tmp_path / "no.fmu", Settings(frames=False), platforms)
+            export_container(str(scenario), tmp_path / "no.fmu", Settings(record_animation=False), platforms)
         assert not (tmp_path / "no.fmu").exists()
 
     refused(r"instance\.theirs\.fmu must have a binary for x86_64-windows, got 'theirs\.fmu'", ("x86_64-windows",))
@@ -453,7 +457,7 @@ def test_scenarios_of_any_name_and_with_one_unit_only(
         'title = "x"\nstructure = "single_beam"\nstop_time = 0.05\nrecord = ["plant.energy"]\n'
         '[instance.plant]\nunit = "BeamPlant"\n[[input]]\nto = "plant.u[1]"\nconstant = 100.0\n'
     )
-    path = export_container(str(scenario), tmp_path / "one.fmu", Settings(frames=False))
+    path = export_container(str(scenario), tmp_path / "one.fmu", Settings(record_animation=False))
     assert validate_fmu(str(path)) == []
     assert fmpy.read_model_description(str(path)).modelName == "_2_steps_up"
     reference = run_scenario(str(scenario), short()).recording
@@ -466,7 +470,7 @@ def test_scenarios_of_any_name_and_with_one_unit_only(
 
 def test_containers_live_side_by_side(export: Export, load: Host, tmp_path: Path) -> None:
     """Two of equal names and other units inside, and two instances of one library."""
-    heavy = export("tracking", coupling="jacobi", values={"plant.beam[1].tip_mass": 0.5})
+    heavy = export("tracking", coupling="jacobi", overrides={"plant.beam[1].tip_mass": 0.5})
     light = export("tracking", coupling="jacobi")
 
     def walk(units: list[UnitInstance]) -> list[list[float]]:

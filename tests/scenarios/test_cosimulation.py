@@ -125,7 +125,9 @@ def recursion(name: str, coupling: Coupling, step: float = SAMPLE, **changed: An
 
 def ran(path: Path, **settings: Any) -> Run:
     """A run that reached its end."""
-    run = run_scenario(str(path), Settings(frames=False, **settings), designs=[design_of(n) for n in STRUCTURES])
+    run = run_scenario(
+        str(path), Settings(record_animation=False, **settings), designs=[design_of(n) for n in STRUCTURES]
+    )
     assert run.recording.complete
     return run
 
@@ -207,7 +209,7 @@ def test_parameters_of_feedforward_and_controller(
 ) -> None:
     """The voltage limit holds some of the voltages: saturation and anti-windup are in the recursion too."""
     backend = "python" if "controller.voltage_limit" in values else "native"
-    run = ran(write_scenario("tuned", shortened("tracking")), values=values, backend=backend)
+    run = ran(write_scenario("tuned", shortened("tracking")), overrides=values, backend=backend)
     expected = recursion("tracking", "jacobi", **options)
     assert_is(run, expected)
     assert bool(expected["controller.saturated"].any()) == ("controller.voltage_limit" in values)

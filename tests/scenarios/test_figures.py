@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 import pytest
 
+from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Figure, Scenario, find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report.decimation import decimated
@@ -17,7 +18,7 @@ from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.report.figures import draw, write_figures
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.runs.scenario import run_scenario
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 from tests.helpers import STRUCTURES, design_of
 
 pytestmark = pytest.mark.usefixtures("known_designs")
@@ -39,7 +40,7 @@ def recording(
     ),
 ) -> Recording:
     values = np.stack([scale * (k + 1) * np.sin((k + 2) * TIME) for k in range(len(columns))], axis=1)
-    return Recording(time=TIME, columns=list(columns), values=values, wall=0.0)
+    return Recording(time=TIME, columns=list(columns), values=values, wall_seconds=0.0)
 
 
 def scenario(*figures: Figure) -> Scenario:
@@ -183,14 +184,16 @@ def test_figure_that_cannot_be_written(tmp_path: Path) -> None:
     plots = figure_plots(scenario(Figure(file="a", rows=[["plant.u"]])), recording(), tmp_path / "file" / "folder")
     with FigureProcess() as beside:
         beside.begin(plots)
-        with pytest.raises(OSError, match="file"):
+        with pytest.raises(InputError, match="cannot be written: Not a directory"):
             beside.finish()
 
 
 @pytest.mark.parametrize("name", ["step_response", "tracking", "disturbance", "five_beams"])
 def test_shipped_figures(at_run_folder: Path, tmp_path: Path, name: str) -> None:
     """Each figure of the paper is drawn from a short run, by the names that the scenario fixes."""
-    run = run_scenario(name, Settings(frames=False, stop_time=0.4), designs=[design_of(s) for s in STRUCTURES])
+    run = run_scenario(
+        name, Settings(record_animation=False, stop_time=0.4), designs=[design_of(s) for s in STRUCTURES]
+    )
     files = write_figures(figure_plots(run.scenario, run.recording, tmp_path, run.open_loop))
     expected = {
         "step_response": "figure4",

@@ -16,7 +16,7 @@ from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results import formats
 from flexbeams.scenarios.results.files import read_results, write_results
 from flexbeams.scenarios.results.formats import matlab_names, require_formats, write_mat, write_parquet
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 from tests.units.lag_interface import lag_unit
 
 COLUMNS = [
@@ -36,7 +36,7 @@ SUMMARY = {"scenario": "tracking", "title": "a title", "complete": True, "decima
 @pytest.fixture
 def recording() -> Recording:
     values = np.random.default_rng(1).standard_normal((7, len(COLUMNS)))
-    return Recording(time=np.arange(7) * 2e-4, columns=COLUMNS, values=values, wall=0.1)
+    return Recording(time=np.arange(7) * 2e-4, columns=COLUMNS, values=values, wall_seconds=0.1)
 
 
 def test_parquet_holds_the_columns_of_the_csv(tmp_path: Path, recording: Recording) -> None:

@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from flexbeams.plant.galerkin import STATIONS
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario
-from flexbeams.scenarios.simulation.frames import LIMIT, RATE, frame_interval
+from flexbeams.scenarios.simulation.frames import MAX_FRAMES, MAX_RATE, frame_interval
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,8 @@ def recorded(run: Run, name: str, rows: slice) -> np.ndarray:
 @pytest.mark.parametrize(("steps", "step"), [(30_000, 2e-4), (30_001, 2e-4), (10_000_000, 2e-4), (7, 2e-4), (50, 0.1)])
 def test_frames_are_bounded_in_number_and_rate(steps, step):
     every = frame_interval(steps, step)
-    assert steps // every + 1 <= LIMIT
-    assert 1 / (every * step) <= RATE * (1 + 1e-9)
+    assert steps // every + 1 <= MAX_FRAMES
+    assert 1 / (every * step) <= MAX_RATE * (1 + 1e-9)
 
 
 def test_six_seconds_have_fifty_frames_each():
@@ -45,8 +45,8 @@ def test_frames_hold_the_plants_shapes(tracking):
     frames = tracking.recording.frames
     assert frames is not None
     y_pi = recorded(tracking, "plant.y_pi", slice(None, None, frames.every))
-    assert frames.shapes.shape == (126, 3 * STATIONS)
-    np.testing.assert_allclose(at_points(tracking, frames.shapes), y_pi, atol=2e-4 * np.abs(y_pi).max())
+    assert frames.deflections.shape == (126, 3 * STATIONS)
+    np.testing.assert_allclose(at_points(tracking, frames.deflections), y_pi, atol=2e-4 * np.abs(y_pi).max())
 
 
 def test_frames_hold_the_plants_voltages(tracking):
@@ -75,12 +75,12 @@ def test_both_kernels_give_the_same_frames(tracking, run_folder):
     frames = run_scenario("tracking", settings).recording.frames
     native = tracking.recording.frames
     count = len(frames.values)
-    np.testing.assert_allclose(frames.shapes, native.shapes[:count], atol=1e-9)
+    np.testing.assert_allclose(frames.deflections, native.deflections[:count], atol=1e-9)
     np.testing.assert_allclose(frames.voltages, native.voltages[:count], atol=1e-4)
 
 
 def test_no_frames_where_none_are_wanted(run_folder):
-    settings = Settings(build_folder=run_folder / "build/fmus", stop_time=2.0, frames=False)
+    settings = Settings(build_folder=run_folder / "build/fmus", stop_time=2.0, record_animation=False)
     assert run_scenario("tracking", settings).recording.frames is None
 
 

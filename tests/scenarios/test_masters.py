@@ -28,7 +28,7 @@ from flexbeams.scenarios.masters.tasks import private_folder, read_task
 from flexbeams.scenarios.masters.trace import Trace, deviation
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 pytest.importorskip("ziglang")
 pytestmark = pytest.mark.usefixtures("known_designs")
@@ -97,7 +97,9 @@ class Works:
     def package(self, name: str) -> Path:
         """A scenario exported."""
         if name not in self._packages:
-            self._packages[name] = export_ssp(self.scenario(name), self.folder / f"{name}.ssp", Settings(frames=False))
+            self._packages[name] = export_ssp(
+                self.scenario(name), self.folder / f"{name}.ssp", Settings(record_animation=False)
+            )
         return self._packages[name]
 
     def reference(self, scenario: str, coupling: Coupling, stop_time: float) -> Recording:
@@ -105,13 +107,16 @@ class Works:
         key = scenario, coupling, stop_time
         if key not in self._results:
             self._results[key] = run_scenario(
-                scenario, Settings(frames=False, build_folder=self._build, coupling=coupling, stop_time=stop_time)
+                scenario,
+                Settings(record_animation=False, build_folder=self._build, coupling=coupling, stop_time=stop_time),
             ).recording
         return self._results[key]
 
     def run(self, package: Path, coupling: Coupling = "jacobi") -> Recording:
         """A package under the runner."""
-        return run_package(package, Settings(frames=False, build_folder=self._build, coupling=coupling)).recording
+        return run_package(
+            package, Settings(record_animation=False, build_folder=self._build, coupling=coupling)
+        ).recording
 
 
 @pytest.fixture(scope="module")
@@ -287,7 +292,7 @@ def test_deviation_is_relative_to_each_signal() -> None:
     recording = Recording(
         time=np.array([0.0, 0.1, 0.2]),
         columns=["a", "b", "c"],
-        wall=1.0,
+        wall_seconds=1.0,
         values=np.array([[0.0, 0.0, 0.0], [1.0, 100.0, 0.0], [2.0, -200.0, 0.0]]),
     )
     trace = Trace(

@@ -31,7 +31,7 @@ def osp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export_osp(
         "tracking",
         tmp_path_factory.mktemp("osp") / "tracking",
-        Settings(frames=False, stop_time=STOP, values=dict(VALUES)),
+        Settings(record_animation=False, stop_time=STOP, overrides=dict(VALUES)),
     )
 
 
@@ -44,7 +44,10 @@ def test_libcosim_runs_it_as_the_runner_runs_the_scenario(osp: Path, run_folder:
     trace = run_master("libcosim", structure, signals=shown)
     assert trace.values.shape == (6001, 4 + 6 + 4 + 4)
     own = run_scenario(
-        "tracking", Settings(frames=False, build_folder=run_folder / "build/fmus", stop_time=STOP, values=dict(VALUES))
+        "tracking",
+        Settings(
+            record_animation=False, build_folder=run_folder / "build/fmus", stop_time=STOP, overrides=dict(VALUES)
+        ),
     ).recording
     assert deviation(trace, own) <= 1e-9
 

@@ -15,7 +15,7 @@ import pytest
 
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results.files import read_results
-from flexbeams.scenarios.runs.job import DONE, FAILED, INTERRUPTED, Job, execute
+from flexbeams.scenarios.runs.job import FAILED, INTERRUPTED, OK, Job, run_job
 from flexbeams.scenarios.runs.parallel import prepare_all, run_parallel
 from flexbeams.scenarios.runs.progress import Display
 from flexbeams.scenarios.runs.scenario import Settings
@@ -50,7 +50,7 @@ def job(path: Path, out: Path, **settings: object) -> Job:
     return Job(
         scenario=str(path),
         folder=folder,
-        settings=Settings(frames=False, **{"decimate": EVERY, **settings}),  # type: ignore[arg-type]
+        settings=Settings(record_animation=False, **{"decimate": EVERY, **settings}),  # type: ignore[arg-type]
         figures=False,
         report=False,
     )
@@ -156,7 +156,7 @@ def test_ctrl_c_ends_all_and_marks_what_was_recorded(
         # Its rows are those of a run that ends there
         text = PLANT.format(stop=float(recording.time[-1]), voltage=1.0)
         whole = job(write_scenario(f.name, text), tmp_path / "whole")
-        execute(whole, lambda text: None, lambda done, steps: None)
+        run_job(whole, lambda text: None, lambda done, steps: None)
         assert (f.folder / "results.csv").read_bytes() == (whole.folder / "results.csv").read_bytes()
     assert finished[-1].message == "not run"
 
@@ -191,12 +191,12 @@ def test_ctrl_c_at_a_terminal(at_run_folder: Path, tmp_path: Path, write_scenari
     jobs = [job(path, tmp_path) for path in paths]
     prepare_all(jobs, Noting([]))
     code = (
-        "import sys; from flexbeams.scenarios.runs import scenario; from flexbeams.scenarios.cli.main import main\n"
-        "def told(*arguments): print('stepping', file=sys.stderr, flush=True)\n"
-        "import flexbeams.scenarios.runs.progress as p; p.Display.progress = told\n"
+        "import sys; from flexbeams.scenarios.cli.main import main\n"
+        "def note(*arguments): print('stepping', file=sys.stderr, flush=True)\n"
+        "import flexbeams.scenarios.runs.progress as p; p.Display.progress = note\n"
         "if __name__ == '__main__': sys.exit(main())"
     )
-    script = tmp_path / "flexbeams.py"
+    script = tmp_path / "starter.py"
     script.write_text(code)
     command = [
         sys.executable,
@@ -242,4 +242,4 @@ def test_a_single_scenario_runs_in_this_process(
 ) -> None:
     monkeypatch.setattr(multiprocessing, "get_context", lambda *_: pytest.fail("a process was started"))
     path = write_scenario("alone", PLANT.format(stop=0.1, voltage=1.0))
-    assert run(path, "--out", tmp_path, "--jobs", 3) == DONE
+    assert run(path, "--out", tmp_path, "--jobs", 3) == OK

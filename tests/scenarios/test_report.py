@@ -12,7 +12,7 @@ import pytest
 from flexbeams.scenarios.report import panels
 from flexbeams.scenarios.report.report import report_html
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
-from flexbeams.scenarios.simulation.cosimulation import Recording
+from flexbeams.scenarios.simulation.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_what_was_run_is_told(page, tracking):
 
 
 def test_settings_of_the_command_line_are_told(tracking):
-    changed = replace(tracking, settings=replace(tracking.settings, values={"plant.beam[1].tip_mass": 0.03}))
+    changed = replace(tracking, settings=replace(tracking.settings, overrides={"plant.beam[1].tip_mass": 0.03}))
     assert "plant.beam[1].tip_mass = 0.03" in report_html(changed)
 
 
@@ -152,7 +152,7 @@ def test_peaks_of_a_long_run_are_drawn(tracking):
     values = np.random.default_rng(3).standard_normal((rows, len(tracking.recording.columns)))
     column = tracking.recording.columns.index("plant.y_pi[3]")
     values[123_457, column] = 99.0
-    long = Recording(time=np.arange(rows) * 2e-4, columns=tracking.recording.columns, values=values, wall=1.0)
+    long = Recording(time=np.arange(rows) * 2e-4, columns=tracking.recording.columns, values=values, wall_seconds=1.0)
     drawn = report_html(replace(tracking, recording=long))
     panel = data_of(drawn)["groups"][0]["panels"][2]
     peak = int(np.argmax(floats(panel["curves"][1]["values"])))

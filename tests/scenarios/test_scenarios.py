@@ -53,7 +53,7 @@ def test_these_scenarios_ship() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_shipped_scenario_holds_its_checks(at_run_folder: Path, name: str) -> None:
-    run = run_scenario(name, Settings(frames=False), designs=[design_of(s) for s in STRUCTURES])
+    run = run_scenario(name, Settings(record_animation=False), designs=[design_of(s) for s in STRUCTURES])
     assert run.passed, [(o.name, o.value, o.minimum, o.maximum) for o in run.outcomes if not o.passed]
     assert run.recording.complete
     assert run.outcomes
@@ -80,7 +80,7 @@ def tracking(run_folder: Path) -> tuple[Run, Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(run_folder)
         assert main(["run", "tracking", "--out", "tracked", "--no-figures", "--no-report"]) == 0
-        return run_scenario("tracking", Settings(frames=False), designs=[design_of()]), run_folder / "tracked"
+        return run_scenario("tracking", Settings(record_animation=False), designs=[design_of()]), run_folder / "tracked"
 
 
 def test_columns_are_every_output_but_x_ref_and_the_plants_inputs(tracking: tuple[Run, Path]) -> None:
@@ -430,16 +430,16 @@ def test_what_units_say_is_passed_on(
 
 def test_figures_of_a_mismatched_plant_differ_from_the_nominal_ones(at_run_folder: Path) -> None:
     """`mismatch` changes the plant only: the design is the nominal one, the error is that of the model."""
-    run = run_scenario("mismatch", Settings(frames=False), designs=[design_of()])
+    run = run_scenario("mismatch", Settings(record_animation=False), designs=[design_of()])
     assert run.design.design_id == design_of().design_id
     value = {o.name: o.value for o in run.outcomes}
     assert 1e-4 < value["error at the end"] < 5e-3
 
 
 def test_decay_is_sooner_than_the_open_loops(at_run_folder: Path) -> None:
-    run = run_scenario("disturbance", Settings(frames=False), designs=[design_of()])
+    run = run_scenario("disturbance", Settings(record_animation=False), designs=[design_of()])
     value = {o.name: o.value for o in run.outcomes}
-    alone = run_scenario("disturbance_open_loop", Settings(frames=False), designs=[design_of()])
+    alone = run_scenario("disturbance_open_loop", Settings(record_animation=False), designs=[design_of()])
     decay = next(o.value for o in alone.outcomes if o.name.startswith("decay"))
     factor = decay / value["decay to 2 % of the open loop's peak"]
     assert value["sooner than the open loop by a factor"] == pytest.approx(factor)

@@ -20,8 +20,8 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.ssp import export_ssp
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
-from flexbeams.scenarios.simulation.cosimulation import Recording
 from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
 from tests.helpers import Export, exported_once
 
@@ -71,7 +71,7 @@ def changed(export: Export) -> Path:
     return export(
         "mismatch",
         stop_time=0.1,
-        values={
+        overrides={
             "plant.beam[2].tip_mass": 0.033,
             "plant.strain_noise_std": 1e-7,
             "plant.noise_seed": 5.0,
@@ -249,7 +249,9 @@ def test_the_diagram_is_tidy(scenario: str, export: Export) -> None:
 
 def test_equal_exports_have_equal_bytes(export: Export, tmp_path: Path) -> None:
     first = export("disturbance", stop_time=STOPS["disturbance"])
-    again = export_ssp("disturbance", tmp_path / "again.ssp", Settings(frames=False, stop_time=STOPS["disturbance"]))
+    again = export_ssp(
+        "disturbance", tmp_path / "again.ssp", Settings(record_animation=False, stop_time=STOPS["disturbance"])
+    )
     assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(first.read_bytes()).digest()
 
 
@@ -311,5 +313,5 @@ def test_fmus_that_a_scenario_brings_along_go_into_the_package(
     )
     scenario.write_text(text.format(start="start.noise_seed = 3"))
     with pytest.raises(InputError, match=r"instance\.theirs must keep the start values of its FMU in a package"):
-        export_ssp(str(scenario), tmp_path / "bad.ssp", Settings(frames=False))
+        export_ssp(str(scenario), tmp_path / "bad.ssp", Settings(record_animation=False))
     assert not (tmp_path / "bad.ssp").exists()

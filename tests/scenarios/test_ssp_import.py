@@ -32,7 +32,7 @@ class Shop:
     """One small package, its scenario, and changed copies of it."""
 
     def __init__(self, folder: Path, build_folder: Path) -> None:
-        self.folder, self.settings = folder, Settings(frames=False, build_folder=build_folder)
+        self.folder, self.settings = folder, Settings(record_animation=False, build_folder=build_folder)
         self.scenario = folder / "pushed.toml"
         self.scenario.write_text(PUSHED_SCENARIO.format(stop=0.1))
         self.package = export_ssp(str(self.scenario), folder / "pushed.ssp", self.settings)
@@ -349,7 +349,7 @@ def test_a_source_stepped_first_is_early_under_gauss_seidel_only(shop: Shop) -> 
     first = shop.changed("first", (re.escape(text), ""), ("<ssd:Elements>", "<ssd:Elements>" + text))
 
     def run(path: Path, coupling: Any) -> Any:
-        settings = Settings(frames=False, build_folder=shop.settings.build_folder, coupling=coupling)
+        settings = Settings(record_animation=False, build_folder=shop.settings.build_folder, coupling=coupling)
         recording = run_package(path, settings).recording
         return recording.values[:, recording.columns.index("plant.y_pi[1]")]
 
@@ -400,7 +400,7 @@ def lag_package(folder: Path, more: str) -> Path:
 
 def test_units_of_others_run(tmp_path: Path, shop: Shop, capsys: pytest.CaptureFixture[str]) -> None:
     """Without annotations, types or a stop time; one FMU for two components, with start values of every type."""
-    settings = Settings(frames=False, build_folder=shop.settings.build_folder, stop_time=0.02)
+    settings = Settings(record_animation=False, build_folder=shop.settings.build_folder, stop_time=0.02)
     with pytest.raises(InputError, match=r"connection one\.y\[1\] to two\.u\[1\] joins the units 'm' and 'V'"):
         run_package(lag_package(tmp_path, ""), settings)
     path = lag_package(tmp_path, ' suppressUnitConversion="true"')
@@ -443,7 +443,9 @@ def loaded(folder: Path, name: str) -> UnitInstance:
 
 def test_units_of_two_packages_live_side_by_side(shop: Shop, tmp_path: Path) -> None:
     """Both have a BeamPlant of one name with other contents; neither sees the other's."""
-    settings = Settings(frames=False, build_folder=shop.settings.build_folder, values={"plant.beam[1].tip_mass": 0.5})
+    settings = Settings(
+        record_animation=False, build_folder=shop.settings.build_folder, overrides={"plant.beam[1].tip_mass": 0.5}
+    )
     heavy = export_ssp(str(shop.scenario), tmp_path / "heavy.ssp", settings)
     folders = []
     for k, path in enumerate((shop.package, heavy, shop.package)):
@@ -470,7 +472,7 @@ def test_units_of_two_packages_live_side_by_side(shop: Shop, tmp_path: Path) -> 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_memory_is_flat_over_runs(shop: Shop) -> None:
-    settings = Settings(frames=False, build_folder=shop.settings.build_folder, stop_time=0.002)
+    settings = Settings(record_animation=False, build_folder=shop.settings.build_folder, stop_time=0.002)
     expected = run_package(shop.package, settings).recording.values
     for _ in range(9):
         run_package(shop.package, settings)

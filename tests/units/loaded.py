@@ -9,7 +9,8 @@ import numpy as np
 from fmpy import read_model_description
 from numpy.typing import NDArray
 
-from flexbeams.scenarios.simulation.instance import UnitInstance, element_names
+from flexbeams.scenarios.definition.declaration import element_names
+from flexbeams.scenarios.simulation.instance import UnitInstance
 
 Real = NDArray[np.float64]
 

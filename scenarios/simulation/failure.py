@@ -1,0 +1,13 @@
+"""Failure of a unit during a run."""
+
+import re
+
+from flexbeams.plant.errors import FlexbeamsError
+
+
+class UnitFailure(FlexbeamsError):
+    """A unit refused a call; names instance, time, function and the message that the unit logged."""
+
+    def __init__(self, instance: str, time: float, function: str, reason: str) -> None:
+        text = re.sub(r"^fmi2\w+: ", "", reason)  # native units name the function themselves
+        super().__init__(f"{instance} failed at {time:.6g} s in {function}: {text}")
