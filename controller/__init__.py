@@ -1,1 +1,1 @@
-"""The control of the beams: matrices -> one design that every unit is built from."""
+"""Control of the beams: matrices -> one design from which every unit is built."""

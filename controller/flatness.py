@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexbeams.controller.planner import InputShapes, places
+from flexbeams.controller.planner import InputShapes, sample_grid
 from flexbeams.controller.reduction import ReducedModel
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 
 TABULATED_TIMES, TABULATED_INTERVALS = 64, 512
-AMPLIFICATION = 20.0  # largest voltage planned, beside the one that the change takes at rest
+MAX_OVERDRIVE = 20.0  # largest planned voltage relative to the one at rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,39 +67,39 @@ def transition_series(transition: Transition, degree: int, tau: Array) -> Array:
 
 
 def input_shape(flat: FlatParameterisation, series: Array, transition_time: float) -> Array:
-    """D_u(d/dt) Theta where `series` (k, m + 1) was taken, for one transition time; shape (k,)."""
+    """D_u(d/dt) Theta at the points of `series` (k, m + 1), for one transition time; shape (k,)."""
     shape: Array = series @ (flat.input * derivative_scales(flat.degree, transition_time))
     return shape
 
 
-def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, slowest: float) -> InputShapes:
+def tabulate_input_shapes(flat: FlatParameterisation, transition: Transition, slowest_frequency: float) -> InputShapes:
     """The planner's table, for transition times up to 16 periods of the slowest mode (rad/s).
 
-    It starts at half a period or where the shape passes AMPLIFICATION: above, it is spikes between the places.
-    Raises DesignError where all of it is, and where derivatives of this degree leave the range of doubles.
+    It starts at half a period or where the shape exceeds MAX_OVERDRIVE: shorter ones have spikes between grid points.
+    Raises DesignError where every entry has, and where derivatives of this degree exceed the range of doubles.
     """
-    period = 2 * np.pi / slowest
+    period = 2 * np.pi / slowest_frequency
     times = period * np.geomspace(0.5, 16, TABULATED_TIMES)
     with np.errstate(over="ignore", invalid="ignore"):
-        series = transition_series(transition, flat.degree, places(TABULATED_INTERVALS))
+        series = transition_series(transition, flat.degree, sample_grid(TABULATED_INTERVALS))
         values = np.array([input_shape(flat, series, float(T)) for T in times])
     if not (np.isfinite(series).all() and np.isfinite(values[-1]).all()):
         raise DesignError(
             f"derivatives of the flat output up to degree {flat.degree} exceed the range of doubles; "
-            "take a smaller reduced_modes"
+            "use a smaller reduced_modes"
         )
-    fitting = np.max(np.abs(values), axis=1) <= AMPLIFICATION
+    fitting = np.max(np.abs(values), axis=1) <= MAX_OVERDRIVE
     if not fitting[-2:].all():
         raise DesignError(
-            f"a transition of {times[-1]:.3g} s still takes {np.max(np.abs(values[-1])):.3g} times the "
-            "voltage at rest; take a larger gevrey_order or a smaller reduced_modes"
+            f"a transition of {times[-1]:.3g} s still needs {np.max(np.abs(values[-1])):.3g} times the "
+            "voltage at rest; use a smaller reduced_modes or a gevrey_order nearer to 1.5"
         )
     first = len(times) - int(np.argmin(fitting[::-1])) if not fitting.all() else 0
     return InputShapes(times=times[first:], values=values[first:])
 
 
-def cancellation(flat: FlatParameterisation, transition: Transition, transition_time: float) -> float:
-    """Largest sum of the terms' magnitudes over the largest sum, along one transition: digits lost, as a ratio."""
+def cancellation_ratio(flat: FlatParameterisation, transition: Transition, transition_time: float) -> float:
+    """Largest sum of the terms' magnitudes over the largest sum along one transition (loss of digits)."""
     terms = (
         transition_series(transition, flat.degree, np.linspace(0, 1, 201))
         * flat.input

@@ -6,7 +6,7 @@ from flexbeams.controller.riccati import require_stable, solve_riccati
 from flexbeams.plant.basis import Array
 
 
-def process_noise(
+def hankel_weights(
     hankel_position: Array, hankel_velocity: Array, *, total: float, position: float, velocity: float
 ) -> Array:
     """Diagonal of the weights (46), (47), shape (2 k,), from the kept singular values (k,) each.

@@ -1,4 +1,4 @@
-"""Superposed transitions within the voltage limit: how long a new one must take (Remarks 4 and 5)."""
+"""Superposed transitions and the shortest duration of a new one within the voltage limit (Remarks 4 and 5)."""
 
 from dataclasses import dataclass
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 
-PATIENCE = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way
+LONGEST_FACTOR = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way
 
 
-def places(intervals: int) -> Array:
-    """Where a curve over the transition is tabulated: tau (n + 1,) from 0 to 1, denser towards the steep ends."""
+def sample_grid(intervals: int) -> Array:
+    """Grid on which a curve over the transition is tabulated: tau (n + 1,) from 0 to 1, denser towards the ends."""
     tau: Array = (1 - np.cos(np.pi * np.arange(intervals + 1) / intervals)) / 2
     return tau
 
@@ -24,82 +24,82 @@ class InputShapes:
     """
 
     times: Array  # (k,), s, ascending
-    values: Array  # (k, n + 1), at places(n)
+    values: Array  # (k, n + 1), at sample_grid(n)
 
     def at(self, duration: float, tau: Array) -> Array:
-        """The curve of a transition of `duration` s at tau, linear between tabulated curves and places."""
+        """The curve of a transition of `duration` s at tau, linear between tabulated curves and grid points."""
         row = float(np.interp(duration, self.times, np.arange(len(self.times))))
         low = min(int(row), len(self.times) - 2)
-        share = row - low
-        curve = (1 - share) * self.values[low] + share * self.values[low + 1]
-        values: Array = np.interp(tau, places(len(curve) - 1), curve)
+        fraction = row - low
+        curve = (1 - fraction) * self.values[low] + fraction * self.values[low + 1]
+        values: Array = np.interp(tau, sample_grid(len(curve) - 1), curve)
         return values
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
-    """Transitions under way: u_j(t) = offset_j + sum_k steps_kj shape((t - starts_k) / durations_k)."""
+class PendingTransitions:
+    """Transitions under way: u_j(t) = offset_j + sum_k changes_kj shape((t - starts_k) / durations_k)."""
 
     offset: Array  # (n_u,), V: flat output that earlier transitions have reached
     starts: Array  # (k,), s
     durations: Array  # (k,), s
-    steps: Array  # (k, n_u), V
+    changes: Array  # (k, n_u), V
 
     def voltage(self, shapes: InputShapes, time: Array) -> Array:
         """Planned voltages at `time` (l,); shape (l, n_u)."""
         u = np.tile(self.offset, (len(time), 1))
-        for start, duration, step in zip(self.starts, self.durations, self.steps, strict=True):
-            u += np.outer(shapes.at(duration, np.clip((time - start) / duration, 0, 1)), step)
+        for start, duration, change in zip(self.starts, self.durations, self.changes, strict=True):
+            u += np.outer(shapes.at(duration, np.clip((time - start) / duration, 0, 1)), change)
         return u
 
-    def extended(self, start: float, duration: float, step: Array) -> "Motion":
+    def with_transition(self, start: float, duration: float, change: Array) -> "PendingTransitions":
         """The motion with one more transition."""
-        return Motion(
+        return PendingTransitions(
             offset=self.offset,
             starts=np.append(self.starts, start),
             durations=np.append(self.durations, duration),
-            steps=np.vstack([self.steps, step[None, :]]),
+            changes=np.vstack([self.changes, change[None, :]]),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
-    """How a target is reached: duration 0 means that it is refused."""
+class TransitionPlan:
+    """The transition to a new target; duration 0 means that the target is refused."""
 
     duration: float  # s
     peak: float  # largest |u| of the whole motion with this duration, V
-    at_rest: float  # largest |u| at the target, V
+    peak_at_rest: float  # largest |u| at the target, V
 
 
 def plan_transition(
-    motion: Motion, shapes: InputShapes, *, now: float, step: Array, wanted: float, limit: float
-) -> Plan:
-    """The shortest transition of at least `wanted` s that keeps the whole motion within +-limit (V).
+    motion: PendingTransitions, shapes: InputShapes, *, now: float, change: Array, requested: float, limit: float
+) -> TransitionPlan:
+    """The shortest transition of at least `requested` s that keeps the whole motion within +-limit (V).
 
-    `step` (n_u,) is the change of the flat output. The limit is kept to about 0.1 %, what the table resolves. Where
-    the voltages are beyond it already, since it was lowered, the way back may start there and go no further.
+    `change` (n_u,) is the change of the flat output. The limit holds to about 0.1 %, the resolution of the table. Where
+    the voltages already exceed it, because it was lowered, the transition may start there and go no further.
     """
-    goal = float(np.max(np.abs(motion.offset + motion.steps.sum(axis=0) + step)))
+    goal = float(np.max(np.abs(motion.offset + motion.changes.sum(axis=0) + change)))
     if goal > limit * (1 + 1e-9):
-        return Plan(duration=0.0, peak=goal, at_rest=goal)
+        return TransitionPlan(duration=0.0, peak=goal, peak_at_rest=goal)
     present = float(np.max(np.abs(motion.voltage(shapes, np.array([now])))))
     tolerated = max(limit, present) * (1 + 1e-9)
-    tau = places(shapes.values.shape[1] - 1)
+    tau = sample_grid(shapes.values.shape[1] - 1)
     pending = [time[time > now] for time in motion.starts[:, None] + np.outer(motion.durations, tau)]
-    longest = max(shapes.times[-1], *motion.durations, wanted) * PATIENCE
-    duration, peak = max(wanted, float(shapes.times[0])), goal
+    longest = max(shapes.times[-1], *motion.durations, requested) * LONGEST_FACTOR
+    duration, peak = max(requested, float(shapes.times[0])), goal
     growth = float(shapes.times[1] / shapes.times[0])
     while duration <= longest:
-        extended = motion.extended(now, duration, step)
+        extended = motion.with_transition(now, duration, change)
         peak = max(_peak(extended.voltage(shapes, time)) for time in [now + duration * tau, *pending])
         if peak <= tolerated:
-            return Plan(duration=duration, peak=peak, at_rest=goal)
+            return TransitionPlan(duration=duration, peak=peak, peak_at_rest=goal)
         duration *= growth
-    return Plan(duration=0.0, peak=peak, at_rest=goal)
+    return TransitionPlan(duration=0.0, peak=peak, peak_at_rest=goal)
 
 
 def _peak(u: Array) -> float:
-    """Largest magnitude of u (k, n_u), between its rows too: the vertex of the parabola through three neighbours."""
+    """Largest magnitude of u (k, n_u), between its rows too: at the vertex of the parabola through three neighbours."""
     if len(u) < 3:
         return float(np.max(np.abs(u), initial=0.0))
     before, here, after = u[:-2], u[1:-1], u[2:]

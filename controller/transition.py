@@ -8,12 +8,12 @@ from flexbeams.plant.basis import Array
 
 NODES = 256  # intervals of the table of Theta over the transition
 LOWEST_ORDER = 1.2  # below, theta is too narrow for that table
-_NEGLIGIBLE = 600.0  # p^-g - 4^g beyond which theta and all its derivatives vanish beside their maxima
-_LOCAL_TERMS = 16  # that carry Theta from a node to its neighbourhood without loss
+_NEGLIGIBLE = 600.0  # p^-g - 4^g beyond which theta and its derivatives are negligible beside their maxima
+_LOCAL_TERMS = 16  # terms that extrapolate Theta from a node to its neighbourhood to rounding
 
 
 def derivative_scales(degree: int, duration: float) -> Array:
-    """i! / T^i, i = 0 ... degree: what makes Taylor coefficients in tau = t/T derivatives in t."""
+    """i! / T^i, i = 0 ... degree: factors that turn Taylor coefficients in tau = t/T into derivatives in t."""
     scales: Array = np.cumprod(np.concatenate([[1.0], np.arange(1, degree + 1) / duration]))
     return scales
 
@@ -22,7 +22,7 @@ def derivative_scales(degree: int, duration: float) -> Array:
 class Transition:
     """Theta(tau) = integral of exp(-(tau (1 - tau))^-g) over [0, tau], normalised to Theta(1) = 1, tau = t/T.
 
-    The integrand is kept as exp(4^g - (tau (1 - tau))^-g), of maximum 1: the plain one vanishes in doubles for g > 4.7.
+    The integrand is scaled as exp(4^g - (tau (1 - tau))^-g), of maximum 1: the unscaled one underflows for g > 4.7.
     """
 
     exponent: float  # g
@@ -33,8 +33,8 @@ class Transition:
         """Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... order, with respect to tau; shape (order + 1,).
 
         Coefficients of p^-g, p = tau (1 - tau), and of exp(-p^-g) follow by the recurrences of J. C. P. Miller
-        and of the exponential; theta = Theta' gives all but the first. That one is the table's nearest value
-        carried here by the same series.
+        and of the exponential; theta = Theta' gives all except the first, which is the nearest table value
+        extrapolated by the same series.
         """
         terms = max(order, _LOCAL_TERMS)
         coefficients = np.zeros(terms + 1)

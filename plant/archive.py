@@ -1,4 +1,4 @@
-"""Archives that depend on their contents only, and files that appear whole or not at all."""
+"""Archives whose bytes depend on their contents only, and atomic writing of files."""
 
 import io
 import os
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexbeams.plant.errors import InputError
 
-_EARLIEST = 315532800  # s since 1970: 1980-01-01, the first day a zip archive can hold
+_EARLIEST = 315532800  # s since 1970: 1980-01-01, the first date of the zip format
 
 
 def zip_bytes(entries: Mapping[str, bytes]) -> bytes:
@@ -29,14 +29,14 @@ def zip_bytes(entries: Mapping[str, bytes]) -> bytes:
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name in sorted(entries):
             info = zipfile.ZipInfo(name, stamp)
-            info.create_system = 3  # Unix, wherever it is written
+            info.create_system = 3  # Unix on every platform
             info.external_attr = 0o100644 << 16
             archive.writestr(info, entries[name])
     return buffer.getvalue()
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Writes a file under a temporary name in its folder, then renames: readers never see a part of it.
+    """Writes a file atomically: under a temporary name in its folder, then renamed.
 
     Raises InputError where it cannot be written, or where something other than a file has the name, such as a device.
     """
@@ -75,7 +75,7 @@ def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz archive; InputError where the file is none."""
+    """The arrays of an .npz archive; InputError where the file is not one."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}

@@ -1,4 +1,4 @@
-"""What the Galerkin method asks of the shape functions on one beam."""
+"""Interface of the shape functions on one beam, as the Galerkin method uses them."""
 
 from typing import Protocol
 

@@ -11,7 +11,7 @@ from flexbeams.plant.errors import DesignError
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyForm:
-    """The system in the coordinates in which half the squared norm of the state is the mechanical energy.
+    """The system in coordinates where half the squared norm of the state is the mechanical energy.
 
     x = (R_K' q, R_M' q') with K = R_K R_K', M = R_M R_M' (lower Cholesky factors). A is skew-symmetric less
     the damping, so its exponential is a contraction, and discretisation stays accurate for stiff bases too.
@@ -60,7 +60,7 @@ def discretise(A: Array, B: Array, step: float) -> tuple[Array, Array]:
 def _exponential_less_one(A: Array) -> Array:
     """exp(A) - 1 (n, n), by its series for A / 2^s and s squarings of 1 + Y, Y <- 2 Y + Y Y.
 
-    Squaring exp itself, whose entries are near those of the identity, loses digits with every doubling: four of them
+    Squaring exp itself, whose entries are near those of the identity, loses digits with every doubling, four of them
     for a stiff basis.
     """
     norm = float(np.linalg.norm(A, 1))

@@ -2,7 +2,7 @@
 
 Every parameter enters one matrix only, as (parameter) x (constant matrix of the geometry). The constant
 matrices are integrated once; a changed parameter costs a weighted sum. The factor 2 of (5), (8) and of the
-damping, front and back patch, is in these matrices; the Appendix of the paper leaves it out.
+damping, front and back patch, is in these matrices; the Appendix of the paper omits it.
 """
 
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from flexbeams.plant.assembly import MatrixName, SecondOrderSystem, Term, assemb
 from flexbeams.plant.basis import Array, Basis
 from flexbeams.plant.clamped_free import ClampedFreeBasis
 from flexbeams.plant.errors import InputError
-from flexbeams.plant.segment import SegmentBasis, pieces
+from flexbeams.plant.segment import SegmentBasis, split_at
 from flexbeams.plant.structure import Structure
 
 BasisName = Literal["clamped_free", "segment"]
 BASES: tuple[BasisName, ...] = ("clamped_free", "segment")
 DEFAULT_ORDER = {"clamped_free": 10, "segment": 9}  # modes N of a beam; polynomial degree p
-STATIONS = 21  # places along each beam whose deflection is shown
+STATIONS = 21  # points along each beam whose deflection is an output
 
 
 @dataclass(frozen=True, kw_only=True)
 class BeamModel:
-    """A structure on a basis: its terms and where it is looked at."""
+    """A structure on a basis: its terms and its output maps."""
 
     structure: Structure
     basis: BasisName
@@ -40,7 +40,7 @@ class BeamModel:
     stations: Array  # (r, STATIONS, n): deflection at equal distances from the clamp to the tip, m
 
     def assemble(self, parameters: dict[str, float] | None = None) -> SecondOrderSystem:
-        """The matrices for the structure's parameters, those given in `parameters` replaced."""
+        """The matrices for the structure's parameters, with the values in `parameters` in place of its own."""
         values = {**self.structure.parameters(), **(parameters or {})}
         return assemble(self.terms, values, self.tips, len(self.structure.patch))
 
@@ -52,7 +52,7 @@ def beam_bases(structure: Structure, basis: BasisName, order: int) -> list[Basis
     bases: list[Basis] = []
     for j, beam in enumerate(structure.beam, 1):
         cuts = [z for p in structure.patch if p.beam == j for z in (p.position, p.end)]
-        bases.append(SegmentBasis(pieces(beam.length, cuts), order))
+        bases.append(SegmentBasis(split_at(beam.length, cuts), order))
     return bases
 
 
@@ -104,7 +104,7 @@ def beam_model(structure: Structure, basis: BasisName = "clamped_free", order: i
 
 
 def _strain_row(position: float, length: float, thickness: float, rows: Callable[[list[float], int], Array]) -> Array:
-    """h/2 w'' averaged over the gauge, which is a difference of slopes; at the point where the length is 0."""
+    """h/2 w'' averaged over the gauge, which is a difference of slopes; the value at its centre for length 0."""
     if length == 0:
         at_point: Array = thickness / 2 * rows([position], 2)
         return at_point

@@ -1,15 +1,16 @@
-"""Writes structures/kiel.toml: a structure that shows what the paper's text states of its experiment.
+"""Writes structures/kiel.toml: a structure that reproduces the paper's statements about its experiment.
 
 The text leaves out the geometry and the 37 identified parameters. Geometry and patches are assumed or taken
 from the data sheet of the MFC M-8525-P1; the four piezo ratios are solved exactly from the static relation
 between (48) and the deflections of section 4.3; springs, tip masses, moduli and one damping pair are fitted by
-differential evolution to the step response of Fig. 4. Run again with
+differential evolution to the step response of Fig. 4. Repeat it with
 
     python -m flexbeams.plant.reconstruction [FILE]
 """
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.measures import overshoots, settling_time
 from flexbeams.plant.statespace import state_matrices
 from flexbeams.plant.structure import (
-    SHIPPED,
+    STRUCTURES_FOLDER,
     Beam,
     Patch,
     PointOfInterest,
@@ -72,57 +73,44 @@ BOUNDS = np.array(
 )
 
 
+BEAM = Beam(
+    length=0.40,
+    width=0.045,
+    thickness=0.8e-3,
+    density=1500.0,
+    youngs_modulus=5e10,
+    tip_mass=0.03,
+    viscous_damping=0.03,
+    structural_damping=4e-3,
+)
+PATCH = Patch(
+    beam=1,
+    position=0.025,
+    length=0.085,
+    width=0.025,
+    thickness=0.3e-3,
+    density=5440.0,
+    youngs_modulus=30.3e9,
+    viscous_damping=0.03,
+    structural_damping=4e-3,
+    piezo_ratio=PIEZO_RATIO,
+    electrode_distance=5e-4,
+)
+PATCH_POSITIONS = ((1, 0.025), (2, 0.025), (2, 0.16), (3, 0.025))  # beam, m
+POINTS = ((1, 0.39), (2, 0.24), (2, 0.39), (3, 0.39))
+# One beside each pair and two in the free spans of the outer beams: 4 moments and 2 spring forces are then determined
+# by 6 strains. Outside the patches a resting beam is bent by the spring forces alone.
+GAUGES = ((1, 0.0675), (1, 0.20), (2, 0.0675), (2, 0.2025), (3, 0.0675), (3, 0.20))
+
+
 def template() -> Structure:
-    """The assumed geometry with data sheet values; what is fitted later holds a plausible value."""
-    beam = Beam(
-        length=0.40,
-        width=0.045,
-        thickness=0.8e-3,
-        density=1500.0,
-        youngs_modulus=5e10,
-        tip_mass=0.03,
-        viscous_damping=0.03,
-        structural_damping=4e-3,
-    )
-
-    def patch(number: int, position: float) -> Patch:
-        return Patch(
-            beam=number,
-            position=position,
-            length=0.085,
-            width=0.025,
-            thickness=0.3e-3,
-            density=5440.0,
-            youngs_modulus=30.3e9,
-            viscous_damping=0.03,
-            structural_damping=4e-3,
-            piezo_ratio=PIEZO_RATIO,
-            electrode_distance=5e-4,
-        )
-
-    def gauge(number: int, position: float) -> StrainGauge:
-        return StrainGauge(beam=number, position=position, length=0.006)
-
+    """The assumed geometry with data sheet values; parameters that are fitted later hold a plausible value."""
     return Structure(
-        beam=[beam, beam, beam],
-        patch=[patch(1, 0.025), patch(2, 0.025), patch(2, 0.16), patch(3, 0.025)],
+        beam=[BEAM, BEAM, BEAM],
+        patch=[replace(PATCH, beam=beam, position=position) for beam, position in PATCH_POSITIONS],
         spring=[Spring(between=(1, 2), stiffness=6.0), Spring(between=(2, 3), stiffness=8.0)],
-        point_of_interest=[
-            PointOfInterest(beam=1, position=0.39),
-            PointOfInterest(beam=2, position=0.24),
-            PointOfInterest(beam=2, position=0.39),
-            PointOfInterest(beam=3, position=0.39),
-        ],
-        # One beside each pair and two in the free spans of the outer beams: 4 moments and 2 spring forces are
-        # then determined by 6 strains. Outside the patches a resting beam bends by the spring forces alone.
-        strain_gauge=[
-            gauge(1, 0.0675),
-            gauge(1, 0.20),
-            gauge(2, 0.0675),
-            gauge(2, 0.2025),
-            gauge(3, 0.0675),
-            gauge(3, 0.20),
-        ],
+        point_of_interest=[PointOfInterest(beam=beam, position=position) for beam, position in POINTS],
+        strain_gauge=[StrainGauge(beam=beam, position=position, length=0.006) for beam, position in GAUGES],
     )
 
 
@@ -160,7 +148,7 @@ def step_response(model: BeamModel, parameters: dict[str, float], time: Array) -
 
 
 def misfit(model: BeamModel) -> Callable[[Array], float]:
-    """Sum of squared residuals of a candidate, each in units of the tolerance it is wanted to."""
+    """Sum of squared residuals of a candidate, each in units of its tolerance."""
     time = np.arange(0.0, 26.0, 4e-3)
     end = DEFLECTION[TIPS]
 
@@ -171,12 +159,12 @@ def misfit(model: BeamModel) -> Callable[[Array], float]:
             return 1e6 + float(np.sum(np.abs(np.minimum(ratios, 0))))
         parameters |= {f"patch[{k}].piezo_ratio": float(p) for k, p in enumerate(ratios, 1)}
         y = step_response(model, parameters, time)
-        over = overshoots(y, end)
+        overshoot = overshoots(y, end)
         low, high = OSCILLATION
-        outer = over[[0, 2]]
+        outer = overshoot[[0, 2]]
         outside = np.maximum(1.05 * low - outer, 0) + np.maximum(outer - 0.97 * high, 0)
         residuals = [
-            (over[1] / abs(end[1]) - OVERSHOOT) / 0.01,
+            (overshoot[1] / abs(end[1]) - OVERSHOOT) / 0.01,
             *(outside / 0.03e-3),
             (settling_time(time, y, end, 0.0) - SETTLING) / 0.2,
             *(np.log(ratios / PIEZO_RATIO) / 0.1),
@@ -186,7 +174,7 @@ def misfit(model: BeamModel) -> Callable[[Array], float]:
     return cost
 
 
-def reconstruct(seed: int = 1, report: Callable[[str], None] = lambda text: None) -> Structure:
+def reconstruct(seed: int = 1, notify: Callable[[str], None] = lambda text: None) -> Structure:
     """The fitted structure; DesignError where the fit misses the facts."""
     structure = template()
     model = beam_model(structure, "clamped_free", 10)
@@ -200,11 +188,11 @@ def reconstruct(seed: int = 1, report: Callable[[str], None] = lambda text: None
         tol=1e-6,
         polish=False,
         init="sobol",
-        callback=lambda intermediate_result: report(f"misfit {intermediate_result.fun:.3f}"),
+        callback=lambda intermediate_result: notify(f"misfit {intermediate_result.fun:.3f}"),
     )
     if result.fun > 25.0:
-        raise DesignError(f"the fit to the paper's facts ended at a misfit of {result.fun:.1f}, wanted <= 25")
-    # Three digits are what a person would write down; the piezo ratios are then solved for these.
+        raise DesignError(f"the fit to the paper's facts ended at a misfit of {result.fun:.1f}; it must be <= 25")
+    # Rounded to three digits, as a person would write them; the piezo ratios are solved for the rounded values.
     parameters = parameters_of(np.array([float(f"{v:.3g}") for v in result.x]))
     ratios = piezo_ratios(model, parameters)
     parameters |= {f"patch[{k}].piezo_ratio": float(p) for k, p in enumerate(ratios, 1)}
@@ -235,7 +223,7 @@ Written by `python -m flexbeams.plant.reconstruction`; the origin of each value 
 
 
 def write_structure(structure: Structure, path: Path, origin: dict[str, dict[str, str]], header: str) -> None:
-    """Writes the structure as TOML, each value with its origin; what `origin` does not name is `fitted`."""
+    """Writes the structure as TOML, each value with its origin; values that `origin` does not name are `fitted`."""
     document = tomlkit.document()
     for line in header.splitlines():
         document.add(tomlkit.comment(line))
@@ -257,8 +245,8 @@ def write_structure(structure: Structure, path: Path, origin: dict[str, dict[str
 
 def main(arguments: list[str]) -> int:
     """Reconstructs, writes and reads back; prints the misfit as it falls to stderr."""
-    path = Path(arguments[0]) if arguments else SHIPPED / "kiel.toml"
-    structure = reconstruct(report=lambda text: print(f"\r{text}      ", end="", file=sys.stderr, flush=True))
+    path = Path(arguments[0]) if arguments else STRUCTURES_FOLDER / "kiel.toml"
+    structure = reconstruct(notify=lambda text: print(f"\r{text}      ", end="", file=sys.stderr, flush=True))
     print(file=sys.stderr)
     write_structure(structure, path, ORIGIN, HEADER)
     read_structure(path)

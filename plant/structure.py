@@ -14,14 +14,14 @@ from pydantic.dataclasses import dataclass
 
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.parameters import PARAMETERS, parameter, parameters_of, within_bounds
-from flexbeams.plant.validation import TABLE, Index, NonNegative, Positive, checked, read_toml
+from flexbeams.plant.validation import STRICT, Index, NonNegative, Positive, read_toml, validate
 
-SHIPPED = Path(__file__).parent / "structures"
+STRUCTURES_FOLDER = Path(__file__).parent / "structures"
 PARTS = tuple(dict.fromkeys(entry.part for entry in PARAMETERS))  # with physical parameters
-_ROUNDING = 1e-12  # relative; parts that touch in decimals may overlap by a rounding error
+_ROUNDING = 1e-12  # relative; parts that touch in decimal numbers may overlap by a rounding error
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Beam:
     """A clamped-free Euler-Bernoulli beam with a tip mass."""
 
@@ -45,7 +45,7 @@ class Beam:
         return self.width * self.thickness**3 / 12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Patch:
     """A pair of piezoelectric patches, one on the front and one on the back of a beam."""
 
@@ -84,7 +84,7 @@ class Patch:
         return self.area * (beam.thickness + self.thickness) * self.piezo_ratio / (2 * self.electrode_distance)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Spring:
     """A spring between the tips of two beams."""
 
@@ -92,7 +92,7 @@ class Spring:
     stiffness: Annotated[float, within_bounds("spring", "stiffness")]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class PointOfInterest:
     """Where a deflection y_pi is controlled."""
 
@@ -100,7 +100,7 @@ class PointOfInterest:
     position: Positive  # m from the clamp
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class StrainGauge:
     """Where a strain y_pm is measured: the mean over [position - length/2, position + length/2]."""
 
@@ -109,11 +109,11 @@ class StrainGauge:
     length: NonNegative  # m; 0: strain at the point
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Structure:
-    """A whole structure; list fields are in the order of the file.
+    """A whole structure; lists are in the order of the file.
 
-    Raises InputError (inside pydantic's ValidationError when built by hand) where parts do not fit together.
+    Raises InputError (inside pydantic's ValidationError when built by hand) where parts contradict each other.
     """
 
     beam: list[Beam] = Field(min_length=1)
@@ -123,7 +123,7 @@ class Structure:
     strain_gauge: list[StrainGauge] = Field(min_length=1)
 
     def __post_init__(self) -> None:
-        self._check_places()
+        self._check_positions()
         self._check_overlaps()
         self._check_springs()
 
@@ -132,7 +132,7 @@ class Structure:
             raise InputError(f"{key}.beam", f"must be a beam from 1 to {len(self.beam)}", number)
         return self.beam[number - 1]
 
-    def _check_places(self) -> None:
+    def _check_positions(self) -> None:
         for k, patch in enumerate(self.patch, 1):
             beam = self._beam_of(f"patch[{k}]", patch.beam)
             if patch.end > beam.length * (1 + _ROUNDING):
@@ -204,11 +204,11 @@ class Structure:
 
     def with_parameters(self, values: dict[str, float]) -> "Structure":
         """A copy with the named parameters changed; InputError for an unknown name or a bad value."""
-        known = self.parameters()
+        current = self.parameters()
         parts = {part: list(getattr(self, part)) for part in PARTS}
         for key, value in values.items():
-            if key not in known:
-                raise InputError(key, "is not a parameter" + suggestion(key, known))
+            if key not in current:
+                raise InputError(key, "is not a parameter" + suggestion(key, current))
             part, rest = key.split("[")
             number, name = rest.split("].")
             try:
@@ -220,14 +220,14 @@ class Structure:
 
 def read_structure(path: Path | str) -> Structure:
     """The structure in a TOML file; InputError with one line that names file, key, rule and value."""
-    return checked(Structure, read_toml(Path(path)), str(path))
+    return validate(Structure, read_toml(Path(path)), str(path))
 
 
-def find_structure(name: str, beside: Path | None = None) -> Path:
-    """The path of a structure given as a file (also relative to the folder `beside`) or as a shipped name."""
-    candidates = [Path(name), *([beside / name] if beside else []), SHIPPED / f"{name}.toml"]
+def find_structure(name: str, relative_to: Path | None = None) -> Path:
+    """The path of a structure given as a file (also relative to the folder `relative_to`) or as a shipped name."""
+    candidates = [Path(name), *([relative_to / name] if relative_to else []), STRUCTURES_FOLDER / f"{name}.toml"]
     for path in candidates:
-        if isfile(path):  # False also for a name no file can have
+        if isfile(path):  # False also for names that no file can have
             return path
-    shipped = sorted(p.stem for p in SHIPPED.glob("*.toml"))
+    shipped = sorted(p.stem for p in STRUCTURES_FOLDER.glob("*.toml"))
     raise InputError("structure", f"{name!r} is neither a file nor a shipped structure" + suggestion(name, shipped))

@@ -1,4 +1,4 @@
-"""TOML tables into checked dataclasses, with one-line errors that name file, key, rule and value."""
+"""Validation of TOML tables as dataclasses, with one-line errors that name file, key, rule and value."""
 
 import tomllib
 from difflib import get_close_matches
@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from flexbeams.plant.errors import InputError, suggestion
 
-TABLE = ConfigDict(extra="forbid")
+STRICT = ConfigDict(extra="forbid")
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)]
@@ -24,7 +24,7 @@ _RULES = {
     "float_type": "must be a number",
     "float_parsing": "must be a number",
     "int_type": "must be an integer",
-    "string_type": "must be a text",
+    "string_type": "must be a string",
     "bool_type": "must be true or false",
     "list_type": "must be a list",
     "tuple_type": "must be a list",
@@ -45,8 +45,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError("", f"cannot be read: {error.strerror}", source=str(path)) from None
 
 
-def checked(kind: type[T], table: object, source: str) -> T:
-    """`table` as an instance of the pydantic dataclass `kind`; raises InputError on its first fault."""
+def validate(kind: type[T], table: object, source: str) -> T:
+    """`table` as an instance of the pydantic dataclass `kind`; raises InputError for the first fault."""
     try:
         return TypeAdapter(kind).validate_python(table)
     except ValidationError as error:
@@ -56,7 +56,7 @@ def checked(kind: type[T], table: object, source: str) -> T:
 
 
 def key_text(location: tuple[int | str, ...]) -> str:
-    """A place in a file as a person counts: ("beam", 1, "length") is beam[2].length."""
+    """A pydantic location as a key with indices from 1: ("beam", 1, "length") is beam[2].length."""
     text = ""
     for part in location:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
@@ -65,9 +65,9 @@ def key_text(location: tuple[int | str, ...]) -> str:
 
 def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
     faults = error.errors()
-    # An unknown key explains a missing one (a slip of the pen), so it comes first.
+    # An unknown key often explains a missing one (a typo), so it comes first.
     fault = next((f for f in faults if f["type"] in ("unexpected_keyword_argument", "extra_forbidden")), faults[0])
-    key, value = key_text(tuple(p for p in fault["loc"] if not _is_alternative(p))), fault["input"]
+    key, value = key_text(tuple(p for p in fault["loc"] if not _is_union_branch(p))), fault["input"]
     original = fault.get("ctx", {}).get("error")
     if isinstance(original, InputError):
         prefix = f"{key}." if key and not original.key.startswith("[") else key
@@ -89,17 +89,17 @@ def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
     if fault["type"] == "literal_error" and isinstance(value, str):
         near = get_close_matches(value, fault["ctx"]["expected"].split("'")[1::2], n=1, cutoff=0.5)
         rule += f"; did you mean {near[0]!r}?" if near else ""
-    shown = value if isinstance(value, (str, int, float, bool, list)) else type(value).__name__
-    return InputError(key, rule, shown, source=source)
+    displayed = value if isinstance(value, (str, int, float, bool, list)) else type(value).__name__
+    return InputError(key, rule, displayed, source=source)
 
 
-def _is_alternative(part: int | str) -> bool:
-    """Whether a part of pydantic's place of a fault is no key but the name of one of several allowed types."""
+def _is_union_branch(part: int | str) -> bool:
+    """Whether a part of a pydantic location names a member of a union instead of a key."""
     return part in ("float", "bool", "int", "str") or str(part).startswith(("list[", "literal["))
 
 
 def _keys_at(kind: type, location: tuple[int | str, ...]) -> list[str]:
-    """The valid keys of the table in which the last part of `location` stands, from the JSON schema."""
+    """The valid keys of the table that contains the last part of `location`, from the JSON schema."""
     schema = TypeAdapter(kind).json_schema(by_alias=True)
     definitions = schema.get("$defs", {})
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
 from tests.helpers import STRUCTURES, Workshop, design_of, session_folder

@@ -16,7 +16,8 @@ from typing import Any
 import fmpy
 from filelock import FileLock
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.plant.structure import find_structure, read_structure

@@ -85,11 +85,11 @@ def test_structure_example_is_a_structure(tmp_path: Path) -> None:
 def test_design_options_example_has_the_defaults() -> None:
     import tomllib
 
-    from flexbeams.controller.design import DesignOptions
-    from flexbeams.plant.validation import checked
+    from flexbeams.controller.options import DesignOptions
+    from flexbeams.plant.validation import validate
 
     text = next(text for place, text in blocks("toml") if place.startswith("controller/"))
-    assert checked(DesignOptions, tomllib.loads(text)["design"], "controller/README.md") == DesignOptions()
+    assert validate(DesignOptions, tomllib.loads(text)["design"], "controller/README.md") == DesignOptions()
 
 
 @pytest.mark.parametrize(

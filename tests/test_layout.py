@@ -52,9 +52,6 @@ LONG_MODULES = {
     "flexbeams.scenarios.runs.scenario": BEING_SPLIT,
 }
 LONG_FUNCTIONS = {
-    "flexbeams.plant.reconstruction.template": BEING_SPLIT,
-    "flexbeams.controller.design.compute_design": BEING_SPLIT,
-    "flexbeams.controller.reduction.reduce": BEING_SPLIT,
     "flexbeams.fmus.documents.closed_loop_page.loop_picture": BEING_SPLIT,
     "flexbeams.fmus.documents.description.model_description": BEING_SPLIT,
     "flexbeams.fmus.packaging.closed_loop.closed_loop_interface": BEING_SPLIT,

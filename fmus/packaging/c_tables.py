@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexbeams.controller.planner import places
+from flexbeams.controller.planner import sample_grid
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface, Variable
 
@@ -173,7 +173,7 @@ def _feedforward(interface: Interface, data: Data, meta: Mapping[str, Any]) -> l
         _reals("reference_outputs", panels(np.hstack([data["H_pi"], data["D_pi"]]))),
         _reals("transition_table", data["transition_table"]),
         _reals("shape_times", data["shape_times"]),
-        _reals("shape_places", places(intervals)),
+        _reals("shape_places", sample_grid(intervals)),
         _reals("shape_values", values),
     ]
 

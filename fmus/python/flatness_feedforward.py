@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexbeams.controller.planner import InputShapes, Motion, plan_transition
+from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
@@ -61,23 +61,23 @@ class FlatnessFeedforward(Unit):
         if self._count[0] or not self._at_rest:
             self._evaluate(time + step + self._preview[0])
 
-    def _motion(self) -> Motion:
+    def _motion(self) -> PendingTransitions:
         k = int(self._count[0])
-        return Motion(
-            offset=self._offset, starts=self._starts[:k], durations=self._durations[:k], steps=self._steps[:k]
+        return PendingTransitions(
+            offset=self._offset, starts=self._starts[:k], durations=self._durations[:k], changes=self._steps[:k]
         )
 
     def _plan(self, time: float) -> None:
         motion = self._motion()
         goal = self.data["static_inverse"] @ self._target
-        change = goal - motion.offset - motion.steps.sum(axis=0)
+        change = goal - motion.offset - motion.changes.sum(axis=0)
         wanted, limit = float(self.view("transition_time")[0]), float(self.view("voltage_limit")[0])
-        plan = plan_transition(motion, self._shapes, now=time, step=change, wanted=wanted, limit=limit)
+        plan = plan_transition(motion, self._shapes, now=time, change=change, requested=wanted, limit=limit)
         self._handled[:] = self._target
         self.view("target_refused")[0] = plan.duration == 0
         self.view("planned_peak")[0] = plan.peak
         if plan.duration == 0:
-            place = "at rest" if plan.at_rest > limit else "on the way"
+            place = "at rest" if plan.peak_at_rest > limit else "on the way"
             self.warn(
                 f"y_target at {time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, voltage_limit is "
                 f"{limit:.1f} V; the target before is held"

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, svd
 
 from flexbeams.controller.design import Design
-from flexbeams.controller.planner import InputShapes, Motion, plan_transition
+from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
@@ -52,24 +52,24 @@ def held_response(
     return y
 
 
-def planned_motion(design: Design, starts: list[float], targets: Array, wanted: float) -> Motion:
+def planned_motion(design: Design, starts: list[float], targets: Array, wanted: float) -> PendingTransitions:
     """The motion from rest at 0 through targets (i, n_pi) that are seen at `starts` (s), without those refused."""
     arrays = design.arrays
     inverse, shapes = arrays["static_inverse"], InputShapes(times=arrays["shape_times"], values=arrays["shape_values"])
-    motion = Motion(
-        offset=np.zeros(len(inverse)), starts=np.zeros(0), durations=np.zeros(0), steps=np.zeros((0, len(inverse)))
+    motion = PendingTransitions(
+        offset=np.zeros(len(inverse)), starts=np.zeros(0), durations=np.zeros(0), changes=np.zeros((0, len(inverse)))
     )
     for start, target in zip(starts, targets, strict=True):
-        change = inverse @ target - motion.steps.sum(axis=0)
+        change = inverse @ target - motion.changes.sum(axis=0)
         plan = plan_transition(
-            motion, shapes, now=start, step=change, wanted=wanted, limit=design.options.voltage_limit
+            motion, shapes, now=start, change=change, requested=wanted, limit=design.options.voltage_limit
         )
         if plan.duration > 0:
-            motion = motion.extended(start, plan.duration, change)
+            motion = motion.with_transition(start, plan.duration, change)
     return motion
 
 
-def feedforward_outputs(design: Design, motion: Motion, begun: int, time: float) -> Array:
+def feedforward_outputs(design: Design, motion: PendingTransitions, begun: int, time: float) -> Array:
     """u_ff, x_ref, y_ref and moving (0 or 1) at `time` (s), of the first `begun` transitions."""
     arrays = design.arrays
     degree = len(arrays["input_series"]) - 1
@@ -77,7 +77,7 @@ def feedforward_outputs(design: Design, motion: Motion, begun: int, time: float)
     theta = Transition(exponent=exponent, norm=norm, table=arrays["transition_table"])
     xi = np.zeros((degree + 1, len(motion.offset)))
     for start, duration, change in zip(
-        motion.starts[:begun], motion.durations[:begun], motion.steps[:begun], strict=True
+        motion.starts[:begun], motion.durations[:begun], motion.changes[:begun], strict=True
     ):
         tau = min(max((time - start) / duration, 0.0), 1.0)
         xi += np.outer(theta.series(tau, degree) * derivative_scales(degree, duration), change)

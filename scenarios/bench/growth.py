@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flexbeams.controller.design import DesignOptions, compute_design
+from flexbeams.controller.design import compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
 from flexbeams.scenarios.bench.arithmetic import matrices_of
 from flexbeams.scenarios.bench.loop_costs import from_rest

@@ -50,7 +50,9 @@ def design(structure: str | None, basis: str, as_json: bool, out: Path | None) -
 
     Frequencies and damping of every mode, Hankel singular values, static gains, closed-loop spectra.
     """
-    from flexbeams.controller.design import DesignOptions, compute_design, write_design
+    from flexbeams.controller.design import compute_design
+    from flexbeams.controller.design_file import write_design
+    from flexbeams.controller.options import DesignOptions
     from flexbeams.plant.structure import find_structure, read_structure
     from flexbeams.scenarios.cli.tables import show_design
 
@@ -106,7 +108,8 @@ def build(
 
     Native units are C99 and need nothing but themselves. Units of one design belong together: build them in one go.
     """
-    from flexbeams.controller.design import DesignOptions, compute_design
+    from flexbeams.controller.design import compute_design
+    from flexbeams.controller.options import DesignOptions
     from flexbeams.fmus.packaging.build import BACKENDS, build_units
     from flexbeams.plant.errors import suggestion
     from flexbeams.plant.structure import find_structure, read_structure

@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from flexbeams.controller.design import DesignOptions
+from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.galerkin import BasisName
-from flexbeams.plant.validation import TABLE, Finite, Index, NonNegative, Positive, checked, read_toml
+from flexbeams.plant.validation import STRICT, Finite, Index, NonNegative, Positive, read_toml, validate
 
 FOLDER = Path(__file__).parents[1] / "library"
 
@@ -33,7 +33,7 @@ Row = Annotated[list[str], Field(min_length=1)]  # of a figure: signals drawn ov
 SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targets")  # of an input
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Instance:
     """One unit: a kind built from the design, or an FMU file; instances step in the order of the file."""
 
@@ -51,7 +51,7 @@ class Instance:
             raise InputError("basis", "and order belong to a BeamPlant")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Connection:
     """An output array (or element) that feeds an input array (or element) of the same size."""
 
@@ -59,7 +59,7 @@ class Connection:
     to: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Step:
     """`value` from `time` on, zero before."""
 
@@ -67,7 +67,7 @@ class Step:
     value: Finite | list[Finite]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Pulse:
     """Half a sine from `time` on, as a pulse hammer gives; scaled to its integral."""
 
@@ -76,7 +76,7 @@ class Pulse:
     impulse: Finite  # unit of the input times s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Target:
     """A value that holds from `time` on."""
 
@@ -84,7 +84,7 @@ class Target:
     value: list[Finite]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Chirp:
     """A sine whose frequency runs from one value to another, zero before and after.
 
@@ -104,7 +104,7 @@ class Chirp:
                 raise InputError(key, "must be finite and > 0 for a logarithmic sweep", getattr(self, key))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class PseudoRandom:
     """Levels that each hold for `hold`, the same in every run; zero before `time` and after the duration.
 
@@ -121,7 +121,7 @@ class PseudoRandom:
     seed: Annotated[int, Field(ge=0, lt=2**63, strict=True)] = 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Table:
     """Columns of a CSV file over its first one, the time; the first and the last row hold beyond the file's ends."""
 
@@ -130,7 +130,7 @@ class Table:
     hold: Literal["zero", "linear"] = "zero"  # keep each row up to the next, or join them
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Input:
     """What drives an input from outside: exactly one signal."""
 
@@ -154,7 +154,7 @@ class Input:
             raise InputError("targets", "must have ascending times", times)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Check:
     """A figure of the run, with its limits and what the paper gives."""
 
@@ -177,7 +177,7 @@ class Check:
             raise InputError("min", f"must be <= max ({self.max:g})", self.min)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Figure:
     """Rows of plots over time, a column an element."""
 
@@ -189,7 +189,7 @@ class Figure:
     stop: Positive | None = None  # s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=TABLE)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Scenario:
     """One experiment."""
 
@@ -248,7 +248,7 @@ def find_scenario(name: str) -> Path:
 
 def read_scenario(path: Path) -> Scenario:
     """A scenario file, checked; InputError in one line otherwise."""
-    return checked(Scenario, read_toml(path), str(path))
+    return validate(Scenario, read_toml(path), str(path))
 
 
 def first_comment(path: Path) -> str:

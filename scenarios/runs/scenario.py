@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from fmpy import read_model_description
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.build import ensure_units
 from flexbeams.plant.archive import remove_file
 from flexbeams.plant.basis import Array

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexbeams.controller.design import Design, DesignOptions, Weights, compute_design, read_design, write_design
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.design_file import read_design, write_design
+from flexbeams.controller.options import DesignOptions, Weights
 from flexbeams.plant.archive import npz_bytes, read_arrays
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.structure import find_structure, read_structure
-from flexbeams.plant.validation import checked
+from flexbeams.plant.validation import validate
 from tests.oracles.examples import five_beams, single_beam, three_beams
 
 KIEL = read_structure(find_structure("kiel"))
@@ -285,7 +287,7 @@ def test_a_cut_file_is_refused(written: Path) -> None:
 )
 def test_bad_options_are_refused_by_name(table: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=f"^run.toml: {message}"):
-        checked(DesignOptions, table, "run.toml")
+        validate(DesignOptions, table, "run.toml")
 
 
 @pytest.mark.parametrize(
@@ -322,4 +324,4 @@ def test_structures_of_one_three_and_five_beams() -> None:
         assert made.summary["beams"] == len(structure.beam)
         assert made.summary["hankel_share"] > 0.6
         assert made.arrays["A"].shape == (10 * len(structure.beam),) * 2
-        assert checked(DesignOptions, asdict(made.options), "") == made.options
+        assert validate(DesignOptions, asdict(made.options), "") == made.options

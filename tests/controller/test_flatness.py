@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, expm
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.flatness import (
-    AMPLIFICATION,
+    MAX_OVERDRIVE,
     FlatParameterisation,
-    cancellation,
+    cancellation_ratio,
     flat_parameterisation,
     input_shape,
     tabulate_input_shapes,
     transition_series,
 )
-from flexbeams.controller.planner import places
+from flexbeams.controller.options import DesignOptions
+from flexbeams.controller.planner import sample_grid
 from flexbeams.controller.reduction import ReducedModel
 from flexbeams.controller.transition import Transition, derivative_scales, transition_of_order
 from flexbeams.plant.basis import Array
@@ -173,16 +174,16 @@ def test_input_shape_starts_at_0_and_ends_at_1() -> None:
 
 
 def test_table_of_input_shapes() -> None:
-    """Curves at their places; it begins where a curve passes AMPLIFICATION, as the next shorter one would."""
+    """Curves at their places; it begins where a curve passes MAX_OVERDRIVE, as the next shorter one would."""
     flat = parameterisation(design("kiel"))
     slowest = float(np.min(np.abs(np.linalg.eigvals(design("kiel").arrays["A"]))))
     table = tabulate_input_shapes(flat, TRANSITION, slowest)
-    tau = places(table.values.shape[1] - 1)
+    tau = sample_grid(table.values.shape[1] - 1)
     series = transition_series(TRANSITION, flat.degree, tau)
     for index in (0, 10, -1):
         np.testing.assert_array_equal(table.values[index], input_shape(flat, series, float(table.times[index])))
     shorter = float(table.times[0] ** 2 / table.times[1])
-    assert np.max(np.abs(table.values)) <= AMPLIFICATION < np.max(np.abs(input_shape(flat, series, shorter)))
+    assert np.max(np.abs(table.values)) <= MAX_OVERDRIVE < np.max(np.abs(input_shape(flat, series, shorter)))
     assert table.times[-1] == pytest.approx(16 * 2 * np.pi / slowest)
     np.testing.assert_allclose(table.values[-1], series[:, 0], atol=5e-3)
 
@@ -194,22 +195,22 @@ def test_a_slow_system_is_tabulated_from_half_a_period() -> None:
 
 def test_voltages_that_stay_too_large_at_any_duration_are_refused() -> None:
     flat = FlatParameterisation(input=np.array([1.0, 0.0, 0.0, 1e9]), state=np.zeros((3, 3, 1)))
-    with pytest.raises(DesignError, match=r"a transition of 50.3 s still takes .* times the voltage at rest"):
+    with pytest.raises(DesignError, match=r"a transition of 50.3 s still needs .* times the voltage at rest"):
         tabulate_input_shapes(flat, TRANSITION, 2.0)
 
 
 @pytest.mark.parametrize("degree", [200, 400])
 def test_a_degree_beyond_the_range_of_doubles_is_refused(degree: int) -> None:
     flat = FlatParameterisation(input=np.ones(degree + 1), state=np.zeros((degree, degree, 1)))
-    with pytest.raises(DesignError, match=f"up to degree {degree} exceed the range of doubles; take a smaller"):
+    with pytest.raises(DesignError, match=f"up to degree {degree} exceed the range of doubles; use a smaller"):
         tabulate_input_shapes(flat, TRANSITION, 20.0)
 
 
 def test_cancellation_counts_lost_digits() -> None:
     """1 where all terms have one sign; the terms' magnitudes over their sum otherwise."""
     flat = parameterisation(design("kiel"))
-    assert 1 <= cancellation(flat, TRANSITION, 0.9) < 1.5
-    assert design("kiel").summary["flatness_cancellation"] == cancellation(flat, TRANSITION, 0.9)
+    assert 1 <= cancellation_ratio(flat, TRANSITION, 0.9) < 1.5
+    assert design("kiel").summary["flatness_cancellation"] == cancellation_ratio(flat, TRANSITION, 0.9)
 
     class Step(Transition):
         """Series 1, -2, 0 everywhere."""
@@ -218,4 +219,4 @@ def test_cancellation_counts_lost_digits() -> None:
             return np.array([1.0, -2.0, 0.0][: order + 1])
 
     line = FlatParameterisation(input=np.array([1.0, 1.0]), state=np.zeros((1, 1, 1)))
-    assert cancellation(line, Step(exponent=1.0, norm=1.0, table=np.zeros(1)), 1.0) == pytest.approx(3.0)
+    assert cancellation_ratio(line, Step(exponent=1.0, norm=1.0, table=np.zeros(1)), 1.0) == pytest.approx(3.0)

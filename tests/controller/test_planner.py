@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
-from flexbeams.controller.planner import InputShapes, Motion, places, plan_transition
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.options import DesignOptions
+from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition, sample_grid
 from flexbeams.controller.transition import derivative_scales
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
@@ -29,24 +30,26 @@ def shapes(made: Design) -> InputShapes:
     return InputShapes(times=made.arrays["shape_times"], values=made.arrays["shape_values"])
 
 
-def at_rest(offset: Array) -> Motion:
+def at_rest(offset: Array) -> PendingTransitions:
     """No transition under way."""
-    return Motion(offset=offset, starts=np.zeros(0), durations=np.zeros(0), steps=np.zeros((0, len(offset))))
+    return PendingTransitions(
+        offset=offset, starts=np.zeros(0), durations=np.zeros(0), changes=np.zeros((0, len(offset)))
+    )
 
 
-def voltages(made: Design, motion: Motion, time: Array) -> Array:
+def voltages(made: Design, motion: PendingTransitions, time: Array) -> Array:
     """u* (k, n_u) at time (k,), from D_u and closed forms of Theta's derivatives."""
     flat, u = made.arrays["input_series"], np.tile(motion.offset, (len(time), 1))
-    for start, duration, step in zip(motion.starts, motion.durations, motion.steps, strict=True):
+    for start, duration, step in zip(motion.starts, motion.durations, motion.changes, strict=True):
         tau = np.clip((time - start) / duration, 0, 1)
         series = taylor_coefficients_at(made.options.gevrey_order, tau, len(flat) - 1)
         u += np.outer(series @ (flat * derivative_scales(len(flat) - 1, duration)), step)
     return u
 
 
-def peak(made: Design, motion: Motion, now: float) -> float:
+def peak(made: Design, motion: PendingTransitions, now: float) -> float:
     """Largest |u*| from `now` on, looked at 1000 times in each transition, closer at its ends."""
-    time = np.unique(motion.starts[:, None] + np.outer(motion.durations, places(1000)))
+    time = np.unique(motion.starts[:, None] + np.outer(motion.durations, sample_grid(1000)))
     return float(np.max(np.abs(voltages(made, motion, time[time >= now]))))
 
 
@@ -56,8 +59,11 @@ def test_table(name: str, gevrey_order: float) -> None:
     made = design(name, gevrey_order)
     table, n_u = shapes(made), made.arrays["B"].shape[1]
     for duration in table.times[[0, 3, 7, 12, 20]] * 1.027:
-        one = at_rest(np.zeros(n_u)).extended(0.0, float(duration), np.ones(n_u))
-        exact, found = voltages(made, one, duration * places(2000))[:, 0], table.at(float(duration), places(2000))
+        one = at_rest(np.zeros(n_u)).with_transition(0.0, float(duration), np.ones(n_u))
+        exact, found = (
+            voltages(made, one, duration * sample_grid(2000))[:, 0],
+            table.at(float(duration), sample_grid(2000)),
+        )
         top = np.max(np.abs(exact))
         assert top * (1 - 1e-3) <= np.max(np.abs(found)) <= top * (1.1 if top > 1.3 else 1.01)
         if top < 1.3:
@@ -66,7 +72,7 @@ def test_table(name: str, gevrey_order: float) -> None:
 
 def test_table_at_its_own_places_and_beyond_its_ends() -> None:
     table = shapes(design())
-    tau = places(table.values.shape[1] - 1)
+    tau = sample_grid(table.values.shape[1] - 1)
     np.testing.assert_allclose(table.at(float(table.times[7]), tau), table.values[7], rtol=1e-12, atol=1e-300)
     np.testing.assert_allclose(table.at(float(table.times[-1]), tau), table.values[-1], rtol=1e-12, atol=1e-300)
     np.testing.assert_array_equal(table.at(1e6, tau), table.at(float(table.times[-1]), tau))
@@ -74,8 +80,8 @@ def test_table_at_its_own_places_and_beyond_its_ends() -> None:
 
 
 def test_a_transition_that_fits_takes_the_wanted_time() -> None:
-    plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=3.0, step=GOAL, wanted=0.9, limit=LIMIT)
-    assert (plan.duration, plan.at_rest) == (0.9, 817.0)
+    plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=3.0, change=GOAL, requested=0.9, limit=LIMIT)
+    assert (plan.duration, plan.peak_at_rest) == (0.9, 817.0)
     assert plan.peak == pytest.approx(817.0, rel=1e-12)
 
 
@@ -83,14 +89,14 @@ def test_a_transition_that_fits_takes_the_wanted_time() -> None:
 def test_a_transition_over_the_limit_is_stretched_as_little_as_needed(wanted: float, scale: float) -> None:
     made = design()
     step = GOAL * scale
-    plan = plan_transition(at_rest(np.zeros(4)), shapes(made), now=0.0, step=step, wanted=wanted, limit=LIMIT)
+    plan = plan_transition(at_rest(np.zeros(4)), shapes(made), now=0.0, change=step, requested=wanted, limit=LIMIT)
     assert plan.duration > wanted
-    assert plan.at_rest == pytest.approx(817 * scale)
-    motion = at_rest(np.zeros(4)).extended(0.0, plan.duration, step)
+    assert plan.peak_at_rest == pytest.approx(817 * scale)
+    motion = at_rest(np.zeros(4)).with_transition(0.0, plan.duration, step)
     exact = peak(made, motion, 0.0)
     assert exact <= LIMIT * (1 + 2e-3)
     assert plan.peak == pytest.approx(exact, rel=0.03)
-    shorter = at_rest(np.zeros(4)).extended(0.0, plan.duration / 1.06, step)
+    shorter = at_rest(np.zeros(4)).with_transition(0.0, plan.duration / 1.06, step)
     if plan.duration > shapes(made).times[0]:
         assert peak(made, shorter, 0.0) > LIMIT
 
@@ -105,14 +111,14 @@ def test_every_plan_while_moving_keeps_the_limit(name: str, gevrey_order: float)
         motion, now = at_rest(300 * generator.uniform(-1, 1, size=(n_u,))), 0.0
         for _ in range(3):
             goal = generator.uniform(-1, 1, n_u) * 10 ** generator.uniform(1.5, 2.99)
-            step = goal - motion.offset - motion.steps.sum(axis=0)
+            step = goal - motion.offset - motion.changes.sum(axis=0)
             wanted = float(10 ** generator.uniform(-0.7, 0.3))
-            plan = plan_transition(motion, shapes(made), now=now, step=step, wanted=wanted, limit=LIMIT)
+            plan = plan_transition(motion, shapes(made), now=now, change=step, requested=wanted, limit=LIMIT)
             if plan.duration == 0:
                 break
             assert plan.duration >= wanted
             stretched += plan.duration > max(wanted, shapes(made).times[0])
-            motion = motion.extended(now, plan.duration, step)
+            motion = motion.with_transition(now, plan.duration, step)
             assert peak(made, motion, now) <= LIMIT * (1 + 2e-3)
             now += plan.duration * generator.uniform(0.05, 0.9)
     assert stretched > 1
@@ -121,20 +127,20 @@ def test_every_plan_while_moving_keeps_the_limit(name: str, gevrey_order: float)
 def test_a_plan_sees_what_is_still_under_way() -> None:
     """From rest at the first target the second takes 0.59 s; on top of the first's overshoot that breaks the limit."""
     made = design()
-    first = at_rest(np.zeros(4)).extended(0.0, 0.46, np.array([400.0, 0, 0, 0]))
+    first = at_rest(np.zeros(4)).with_transition(0.0, 0.46, np.array([400.0, 0, 0, 0]))
     step = np.array([550.0, 0, 0, 0])
-    later = plan_transition(at_rest(first.steps[0]), shapes(made), now=0.1, step=step, wanted=0.5, limit=LIMIT)
-    assert peak(made, first.extended(0.1, later.duration, step), 0.1) > 1.2 * LIMIT
-    plan = plan_transition(first, shapes(made), now=0.1, step=step, wanted=0.5, limit=LIMIT)
+    later = plan_transition(at_rest(first.changes[0]), shapes(made), now=0.1, change=step, requested=0.5, limit=LIMIT)
+    assert peak(made, first.with_transition(0.1, later.duration, step), 0.1) > 1.2 * LIMIT
+    plan = plan_transition(first, shapes(made), now=0.1, change=step, requested=0.5, limit=LIMIT)
     assert plan.duration > 2 * later.duration > 0
-    assert peak(made, first.extended(0.1, plan.duration, step), 0.1) <= LIMIT * (1 + 2e-3)
+    assert peak(made, first.with_transition(0.1, plan.duration, step), 0.1) <= LIMIT * (1 + 2e-3)
 
 
 def test_transitions_add_without_a_jump() -> None:
     """Retargeted in mid-motion the voltages between two samples move no more than a smooth motion's do."""
     made = design()
-    first = at_rest(np.zeros(4)).extended(0.0, 0.9, GOAL)
-    both = first.extended(0.4, 0.9, -0.5 * GOAL)
+    first = at_rest(np.zeros(4)).with_transition(0.0, 0.9, GOAL)
+    both = first.with_transition(0.4, 0.9, -0.5 * GOAL)
     time = np.arange(0.0, 1.6, 2e-4)
     u = voltages(made, both, time)
     np.testing.assert_array_equal(u[time <= 0.4], voltages(made, first, time[time <= 0.4]))
@@ -144,38 +150,44 @@ def test_transitions_add_without_a_jump() -> None:
 
 
 def test_a_target_out_of_reach_at_rest_is_refused_with_its_voltage() -> None:
-    plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=0.0, step=1.3 * GOAL, wanted=0.9, limit=LIMIT)
+    plan = plan_transition(
+        at_rest(np.zeros(4)), shapes(design()), now=0.0, change=1.3 * GOAL, requested=0.9, limit=LIMIT
+    )
     assert plan.duration == 0
-    assert plan.peak == plan.at_rest == pytest.approx(1.3 * 817)
+    assert plan.peak == plan.peak_at_rest == pytest.approx(1.3 * 817)
 
 
 def test_the_way_back_from_a_target_at_the_limit_is_planned() -> None:
     """At rest on the limit itself, and away from it again."""
     edge = LIMIT * GOAL / 817
-    plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=0.0, step=edge, wanted=0.9, limit=LIMIT)
+    plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=0.0, change=edge, requested=0.9, limit=LIMIT)
     assert plan.duration > 0
-    plan = plan_transition(at_rest(edge), shapes(design()), now=0.0, step=-edge, wanted=0.9, limit=LIMIT)
+    plan = plan_transition(at_rest(edge), shapes(design()), now=0.0, change=-edge, requested=0.9, limit=LIMIT)
     assert plan.duration > 0
 
 
 def test_a_motion_that_breaks_the_limit_anyway_is_refused_on_its_way() -> None:
     """The transition under way passes a limit lowered meanwhile; the target itself would be within it."""
-    first = at_rest(np.zeros(4)).extended(0.0, 0.9, GOAL)
-    plan = plan_transition(first, shapes(design()), now=0.8, step=-0.9 * GOAL, wanted=0.9, limit=700.0)
+    first = at_rest(np.zeros(4)).with_transition(0.0, 0.9, GOAL)
+    plan = plan_transition(first, shapes(design()), now=0.8, change=-0.9 * GOAL, requested=0.9, limit=700.0)
     assert plan.duration == 0
     assert plan.peak > 700
-    assert plan.at_rest == pytest.approx(81.7)
+    assert plan.peak_at_rest == pytest.approx(81.7)
 
 
 def test_the_way_back_from_beyond_a_lowered_limit_is_planned() -> None:
     """It starts beyond the limit and goes no further; a target beyond the limit stays refused."""
     rest = at_rest(GOAL)
-    plan = plan_transition(rest, shapes(design()), now=3.0, step=-0.9 * GOAL, wanted=0.9, limit=400.0)
+    plan = plan_transition(rest, shapes(design()), now=3.0, change=-0.9 * GOAL, requested=0.9, limit=400.0)
     assert plan.duration == 0.9
     assert plan.peak == pytest.approx(817)
-    assert plan_transition(rest, shapes(design()), now=3.0, step=-0.4 * GOAL, wanted=0.9, limit=400.0).duration == 0
+    assert (
+        plan_transition(rest, shapes(design()), now=3.0, change=-0.4 * GOAL, requested=0.9, limit=400.0).duration == 0
+    )
 
 
 def test_shortest_transition_is_the_tables() -> None:
-    plan = plan_transition(at_rest(np.zeros(4)), shapes(design()), now=0.0, step=1e-6 * GOAL, wanted=1e-3, limit=LIMIT)
+    plan = plan_transition(
+        at_rest(np.zeros(4)), shapes(design()), now=0.0, change=1e-6 * GOAL, requested=1e-3, limit=LIMIT
+    )
     assert plan.duration == shapes(design()).times[0]

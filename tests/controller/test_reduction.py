@@ -12,7 +12,8 @@ from pymor.core.logger import set_log_levels
 from pymor.models.iosys import LTIModel
 from scipy.linalg import block_diag, cholesky, solve_triangular, svd
 
-from flexbeams.controller.design import DesignOptions, compute_design
+from flexbeams.controller.design import compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reduction import ENERGY_MODES, OutputWeight, ReducedModel, reduce
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
@@ -51,7 +52,9 @@ def model_of(
 
 def reduction(name: str, kept: int, output_weight: OutputWeight, *, static_correction: bool = True) -> ReducedModel:
     """The reduction of a structure on its default basis."""
-    return reduce(*model_of(name), kept=kept, output_weight=output_weight, static_correction=static_correction)
+    return reduce(
+        *model_of(name), position_states=kept, output_weight=output_weight, static_correction=static_correction
+    )
 
 
 def balance(model: BeamModel, system: SecondOrderSystem, kept: int, output_weight: OutputWeight) -> Balanced:
@@ -122,12 +125,12 @@ def test_transfer_function_against_pymor(name: str, kept: int, output_weight: Ou
 def test_nothing_is_lost_where_all_states_are_kept(output_weight: OutputWeight) -> None:
     """Spectrum and responses are then the plant's."""
     model, system = model_of("single", "clamped_free", 4)
-    found = reduce(model, system, kept=4, output_weight=output_weight)
+    found = reduce(model, system, position_states=4, output_weight=output_weight)
     form = energy_form(system.M, system.D, system.K, system.L)
     np.testing.assert_allclose(
         np.sort_complex(np.linalg.eigvals(found.A)), np.sort_complex(np.linalg.eigvals(form.A)), rtol=1e-8
     )
-    assert found.share == 1.0
+    assert found.hankel_share == 1.0
     assert np.max(np.abs(found.D_pi)) < 1e-9 * np.max(np.abs(found.static_gain()[0]))
     for s in (0.0, 5j, 30 + 200j, 3000j):
         inner = np.linalg.solve(s * np.eye(8) - found.A, found.B)
@@ -141,7 +144,7 @@ def test_reduced_model_is_stable_and_right_at_rest(name: str, kept: int, output_
     found = reduction(name, kept, output_weight)
     assert np.max(np.linalg.eigvals(found.A).real) < 0
     assert found.A.shape == (2 * kept, 2 * kept)
-    assert found.kept == kept
+    assert found.position_states == kept
     assert found.residual < 1e-9
     model, system = model_of(name)
     exact = [
@@ -168,7 +171,9 @@ def test_static_correction_is_what_the_reduction_misses() -> None:
 def test_share_counts_both_kinds_of_singular_values() -> None:
     found = reduction("kiel", 15, "identity")
     parts = found.hankel_position, found.hankel_velocity
-    assert found.share == pytest.approx(sum(p[:15].sum() for p in parts) / sum(p.sum() for p in parts), rel=1e-14)
+    assert found.hankel_share == pytest.approx(
+        sum(p[:15].sum() for p in parts) / sum(p.sum() for p in parts), rel=1e-14
+    )
     assert all(np.all(np.diff(p) <= 0) for p in parts)
 
 
@@ -180,19 +185,23 @@ def test_energy_norm_does_not_depend_on_coordinates() -> None:
         M=S.T @ system.M @ S, D=S.T @ system.D @ S, K=S.T @ system.K @ S, L=S.T @ system.L, F=S.T @ system.F
     )
     moved = replace(model, deflection=model.deflection @ S, strain=model.strain @ S, stations=model.stations @ S)
-    here, there = (reduce(m, s, kept=15, output_weight="energy") for m, s in ((model, system), (moved, turned)))
+    here, there = (
+        reduce(m, s, position_states=15, output_weight="energy") for m, s in ((model, system), (moved, turned))
+    )
     np.testing.assert_allclose(there.hankel_position, here.hankel_position, rtol=0, atol=1e-8 * here.hankel_position[0])
     np.testing.assert_allclose(there.hankel_velocity, here.hankel_velocity, rtol=0, atol=1e-8 * here.hankel_velocity[0])
     gains = [r.H_pi @ np.linalg.solve(20j * np.eye(30) - r.A, r.B) for r in (here, there)]
     np.testing.assert_allclose(gains[1], gains[0], rtol=0, atol=1e-6 * np.abs(gains[0]).max())
-    here, there = (reduce(m, s, kept=15, output_weight="identity") for m, s in ((model, system), (moved, turned)))
+    here, there = (
+        reduce(m, s, position_states=15, output_weight="identity") for m, s in ((model, system), (moved, turned))
+    )
     assert abs(there.hankel_position[0] / here.hankel_position[0] - 1) > 0.1
 
 
 def test_energy_norm_agrees_between_bases() -> None:
     """Refined, both bases tend to the same singular values; those above a fifth of the largest are met within 6 %."""
     fine, coarse = (
-        reduce(*model_of("kiel", basis, order), kept=15, output_weight="energy")
+        reduce(*model_of("kiel", basis, order), position_states=15, output_weight="energy")
         for basis, order in (("segment", 7), ("clamped_free", 25))
     )
     for kind in ("hankel_position", "hankel_velocity"):
@@ -224,7 +233,7 @@ def test_an_unstable_reduction_is_refused_with_its_eigenvalue(output_weight: Out
     system = model.assemble()
     assert np.max(np.linalg.eigvals(energy_form(system.M, system.D, system.K, system.L).A).real) < 0
     with pytest.raises(DesignError, match="the reduced model with 6 position states is not stable") as refusal:
-        reduce(model, system, kept=6, output_weight=output_weight)
+        reduce(model, system, position_states=6, output_weight=output_weight)
     named = re.search(r"eigenvalue ([\d.]+)([+-][\d.]+)j 1/s; change reduced_modes, output_weight", str(refusal.value))
     assert named
     values = np.linalg.eigvals(balance(model, system, 6, output_weight).A)
@@ -249,4 +258,4 @@ def test_states_that_cannot_be_reached_are_refused() -> None:
     model = beam_model(structure, "clamped_free", 5)
     system = model.assemble({"beam[1].viscous_damping": 0.03})
     with pytest.raises(DesignError, match=r"keeps state 6, whose Hankel singular value .* vanishes beside the first"):
-        reduce(model, system, kept=6, output_weight="energy")
+        reduce(model, system, position_states=6, output_weight="energy")

@@ -6,9 +6,10 @@ import control
 import numpy as np
 import pytest
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
-from flexbeams.controller.kalman import predictor_gain, process_noise, steady_kalman_gain
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.kalman import hankel_weights, predictor_gain, steady_kalman_gain
 from flexbeams.controller.lqr import lqr_gain
+from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.riccati import require_stable, residual, solve_riccati
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
@@ -146,7 +147,7 @@ def test_units_of_states_do_not_matter(spread: float) -> None:
 
 def test_process_noise() -> None:
     """(46): each kind of state shares its weight in proportion to its singular values."""
-    q = process_noise(np.array([3.0, 1.0]), np.array([1.0, 1.0]), total=50.0, position=5e3, velocity=10.0)
+    q = hankel_weights(np.array([3.0, 1.0]), np.array([1.0, 1.0]), total=50.0, position=5e3, velocity=10.0)
     np.testing.assert_allclose(q, [50 * 3750, 50 * 1250, 250, 250], rtol=1e-15)
 
 
@@ -176,7 +177,7 @@ def test_hidden_states_that_decay_are_accepted() -> None:
 def test_an_oscillator_without_damping_or_weight_is_refused() -> None:
     """On the unit circle and not in the cost: no gain moves it inside."""
     turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
-    with pytest.raises(DesignError, match="the state feedback loop is not stable: an eigenvalue has magnitude 1,"):
+    with pytest.raises(DesignError, match="the state feedback loop is not stable: an eigenvalue has magnitude 1;"):
         lqr_gain(turn, np.array([[0.0], [1.0]]), np.zeros((2, 2)), np.eye(1))
 
 
@@ -194,5 +195,5 @@ def test_nothing_to_weigh_takes_no_gain() -> None:
 
 def test_require_stable_names_the_magnitude() -> None:
     require_stable(np.diag([0.9, -0.999]), "this")
-    with pytest.raises(DesignError, match=r"the loop is not stable: an eigenvalue has magnitude 1\.25, wanted < 1"):
+    with pytest.raises(DesignError, match=r"the loop is not stable: an eigenvalue has magnitude 1\.25; it must be < 1"):
         require_stable(np.diag([0.9, -1.25]), "the loop")

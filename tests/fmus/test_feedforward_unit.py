@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from flexbeams.controller.planner import Motion
+from flexbeams.controller.planner import PendingTransitions
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
@@ -268,8 +268,11 @@ def test_planned_voltages_are_those_put_out(workshop: Workshop) -> None:
     with loaded(workshop.folder("FlatnessFeedforward")) as unit:
         u = trace(unit.begin(), 2000, 1e-3, y_target={0: TARGET, 300: -0.2 * TARGET})[:, :4]
     first, second = voltages_of(TARGET), voltages_of(-1.2 * TARGET)
-    motion = Motion(
-        offset=np.zeros(4), starts=np.array([0.0, 0.3]), durations=np.array([0.9, 0.9]), steps=np.array([first, second])
+    motion = PendingTransitions(
+        offset=np.zeros(4),
+        starts=np.array([0.0, 0.3]),
+        durations=np.array([0.9, 0.9]),
+        changes=np.array([first, second]),
     )
     planned = motion.voltage(
         InputShapes(times=arrays["shape_times"], values=arrays["shape_values"]), 1e-3 * np.arange(1, 2001)

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
 from flexbeams.fmus.packaging.design_data import unit_data
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources

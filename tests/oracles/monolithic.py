@@ -21,7 +21,7 @@ from scipy.linalg import cholesky, solve_triangular, svd
 from scipy.signal import cont2discrete
 
 from flexbeams.controller.design import Design
-from flexbeams.controller.planner import InputShapes, Motion, plan_transition
+from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
 from flexbeams.plant.galerkin import BeamModel
 from tests.oracles.gevrey import taylor_coefficients_at
 
@@ -100,27 +100,31 @@ def feedforward(
     for at, y in targets:
         if at <= 0:
             offset = inverse @ np.asarray(y)
-    motion = Motion(offset=offset, starts=np.zeros(0), durations=np.zeros(0), steps=np.zeros((0, len(offset))))
+    motion = PendingTransitions(
+        offset=offset, starts=np.zeros(0), durations=np.zeros(0), changes=np.zeros((0, len(offset)))
+    )
     firsts = []
     given = iter(durations or ())
     for at, y in targets:
         first = int(np.ceil(at / step - 1e-6))
         if at <= 0 or first > steps:
             continue
-        change = inverse @ np.asarray(y) - offset - motion.steps.sum(axis=0)
+        change = inverse @ np.asarray(y) - offset - motion.changes.sum(axis=0)
         duration = (
             next(given, None)
             if durations is not None
-            else plan_transition(motion, shapes, now=first * step, step=change, wanted=wanted, limit=limit).duration
+            else plan_transition(
+                motion, shapes, now=first * step, change=change, requested=wanted, limit=limit
+            ).duration
         )
         if duration:
             firsts.append(first)
-            motion = motion.extended(first * step, duration, change)
+            motion = motion.with_transition(first * step, duration, change)
     xi = np.zeros((steps + 1, m + 1, len(offset)))
     xi[:, 0] = offset
     moving = np.zeros((steps + 1, 1))
     index = np.arange(m + 1)
-    for first, start, duration, change in zip(firsts, motion.starts, motion.durations, motion.steps, strict=True):
+    for first, start, duration, change in zip(firsts, motion.starts, motion.durations, motion.changes, strict=True):
         later = np.arange(first + 1, steps + 1)
         tau = np.clip((time[later] + preview - start) / duration, 0, 1)
         series = taylor_coefficients_at(options.gevrey_order, tau, m)
@@ -164,7 +168,7 @@ def loop_matrices(design: Design, integral_gain: float) -> LoopMatrices:
         np.hstack([np.zeros((n_u, m + n_u)), -G @ a["D_pi"], np.zeros((n_u, n_pm)), G @ a["D_pi"], G @ a["H_pi"]])
         - G @ a["H_pi"] @ estimate
     )
-    return LoopMatrices(estimate=estimate, wanted=wanted, growth=growth)
+    return LoopMatrices(estimate=estimate, requested=wanted, growth=growth)
 
 
 def simulate(
@@ -205,7 +209,7 @@ def simulate(
         return results | plant_run(plant, start, voltage, voltage, forces)
     reference = feedforward(
         design,
-        steps=steps,
+        changes=steps,
         step=step,
         targets=targets,
         transition_time=transition_time,

@@ -52,7 +52,7 @@ def test_settling_of_exponentials() -> None:
     rates, end = np.array([2.0, 0.8, 1.0]), np.array([1.0, -1e-3, 40.0])
     y = (1 - np.exp(-np.maximum(TIME - 1, 0)[:, None] * rates)) * end
     assert settling_time(TIME, y, end, 1.0) == pytest.approx(np.log(50) / 0.8, abs=SAMPLE)
-    assert settling_time(TIME, y, end, 1.0, share=0.1) == pytest.approx(np.log(10) / 0.8, abs=SAMPLE)
+    assert settling_time(TIME, y, end, 1.0, tolerance=0.1) == pytest.approx(np.log(10) / 0.8, abs=SAMPLE)
     assert settling_time(TIME, y, end, 0.0) == pytest.approx(1 + np.log(50) / 0.8, abs=SAMPLE)
 
 

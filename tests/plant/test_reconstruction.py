@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import OptimizeResult, differential_evolution
 
-from flexbeams.controller.design import DesignOptions, compute_design
+from flexbeams.controller.design import compute_design
+from flexbeams.controller.options import DesignOptions
 from flexbeams.plant import reconstruction
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise, energy_form
@@ -178,7 +179,9 @@ def end_with(misfit_left: float, monkeypatch: pytest.MonkeyPatch) -> list[dict[s
 
 def test_a_bad_fit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     end_with(1234.56, monkeypatch)
-    with pytest.raises(DesignError, match=r"the fit to the paper's facts ended at a misfit of 1234.6, wanted <= 25"):
+    with pytest.raises(
+        DesignError, match=r"the fit to the paper's facts ended at a misfit of 1234.6; it must be <= 25"
+    ):
         reconstruct()
 
 
@@ -189,14 +192,14 @@ def test_a_short_evolution_is_a_bad_fit(monkeypatch: pytest.MonkeyPatch) -> None
         "differential_evolution",
         lambda *a, **o: differential_evolution(*a, **{**o, "maxiter": 1, "popsize": 2}),
     )
-    with pytest.raises(DesignError, match=r"ended at a misfit of [\d.]+, wanted <= 25"):
+    with pytest.raises(DesignError, match=r"ended at a misfit of [\d.]+; it must be <= 25"):
         reconstruct()
 
 
 def test_a_fit_is_rounded_and_still_holds_the_static_relation(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = end_with(3.0, monkeypatch)
     heard: list[str] = []
-    structure = reconstruct(seed=7, report=heard.append)
+    structure = reconstruct(seed=7, notify=heard.append)
     assert calls[0]["seed"] == 7
     assert heard == ["misfit 3.000"]
     assert structure.spring[0].stiffness == 8.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexbeams.plant.galerkin import DEFAULT_ORDER, beam_bases, beam_model
-from flexbeams.plant.segment import SegmentBasis, pieces
+from flexbeams.plant.segment import SegmentBasis, split_at
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from tests.oracles.accuracy import FREQUENCIES, errors, response
 from tests.oracles.boundary_value import StaticSolution
@@ -22,11 +22,11 @@ def quadrature(start: float, end: float, points: int = 20) -> tuple[np.ndarray, 
 
 
 def test_pieces_are_sorted_and_distinct() -> None:
-    assert pieces(0.4, [0.3, 0.1, 0.1 + 1e-13, 0.2]) == (0.0, 0.1, 0.2, 0.3, 0.4)
+    assert split_at(0.4, [0.3, 0.1, 0.1 + 1e-13, 0.2]) == (0.0, 0.1, 0.2, 0.3, 0.4)
 
 
 def test_cuts_at_the_ends_make_no_piece() -> None:
-    assert pieces(0.4, [0.0, 0.4, 0.4 - 1e-14, 1e-14]) == (0.0, 0.4)
+    assert split_at(0.4, [0.0, 0.4, 0.4 - 1e-14, 1e-14]) == (0.0, 0.4)
 
 
 def test_touching_pairs_share_a_cut() -> None:
@@ -193,7 +193,7 @@ def test_long_pieces_get_more_bubbles() -> None:
 def test_sharing_bubbles_by_length_pays(frequency: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """With as many unknowns it is at least a hundred times as exact as the same degree on every piece."""
     shared = errors(three_beams(), "segment", 9, (frequency,))
-    monkeypatch.setattr("flexbeams.plant.segment._shared_out", lambda widths, mean: (mean,) * widths.size)
+    monkeypatch.setattr("flexbeams.plant.segment._distribute_bubbles", lambda widths, mean: (mean,) * widths.size)
     equal = errors(three_beams(), "segment", 9, (frequency,))
     assert equal.unknowns == shared.unknowns
     assert shared.deflection[0] < 0.01 * equal.deflection[0]

@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from flexbeams.plant.errors import InputError
-from flexbeams.plant.structure import SHIPPED, Structure, find_structure, read_structure
+from flexbeams.plant.structure import STRUCTURES_FOLDER, Structure, find_structure, read_structure
 from tests.oracles.boundary_value import layer_moment
 from tests.oracles.examples import beam, five_beams, gauge, patch, point, single_beam, three_beams
 
@@ -461,7 +461,7 @@ def test_every_patch_pair_of_kiel_has_a_gauge_beside_it() -> None:
         assert part.width < structure.beam[part.beam - 1].width
 
 
-@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(STRUCTURES_FOLDER.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_structures_are_found_by_name(path: Path) -> None:
     assert find_structure(path.stem) == path
     assert read_structure(path).beam
@@ -470,7 +470,7 @@ def test_shipped_structures_are_found_by_name(path: Path) -> None:
 def test_a_file_is_found_before_a_shipped_name(tmp_path: Path) -> None:
     path = write(tmp_path, GOOD)
     assert find_structure(str(path)) == path
-    assert find_structure("structure.toml", beside=tmp_path) == path
+    assert find_structure("structure.toml", relative_to=tmp_path) == path
 
 
 @pytest.mark.parametrize(

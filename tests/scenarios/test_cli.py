@@ -141,7 +141,7 @@ def test_design_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert f"design {design.design_id}" in shown.out
     assert "3 beams, 4 patch pairs, 4 points of interest, 6 strain gauges, 37 parameters" in shown.out
     assert f"{design.summary['frequencies'][0]:.3f}" in shown.out
-    from flexbeams.controller.design import read_design
+    from flexbeams.controller.design_file import read_design
 
     assert read_design(tmp_path / "new" / "kiel.npz").design_id == design.design_id
 

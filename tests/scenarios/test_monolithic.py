@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from flexbeams.controller.design import Design, DesignOptions, compute_design
+from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.flatness import transition_series
+from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise, energy_form

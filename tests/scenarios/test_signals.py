@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexbeams.plant.errors import InputError
-from flexbeams.plant.validation import checked
+from flexbeams.plant.validation import validate
 from flexbeams.scenarios.definition.schema import Input, Scenario
 from flexbeams.scenarios.definition.signals import Signal, require_sampled, signal_of
 from flexbeams.scenarios.definition.time_table import read_time_table
@@ -16,7 +16,7 @@ STEP = 2e-4
 
 
 def signal(folder: Path = Path(), **drive: Any) -> Signal:
-    return signal_of(checked(Input, {"to": "plant.u", **drive}, "test.toml"), folder)
+    return signal_of(validate(Input, {"to": "plant.u", **drive}, "test.toml"), folder)
 
 
 def times(stop: float, step: float = STEP) -> np.ndarray:
@@ -226,7 +226,7 @@ def test_refused_inputs_name_the_key(drive: dict[str, Any], complaint: str) -> N
         "input": [{"to": "plant.u", **drive}],
     }
     with pytest.raises(InputError, match=r"^s.toml: input\[1\]\.?" + f".*{complaint}"):
-        checked(Scenario, table, "s.toml")
+        validate(Scenario, table, "s.toml")
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ def test_refused_inputs_name_the_key(drive: dict[str, Any], complaint: str) -> N
     ],
 )
 def test_signals_faster_than_the_steps_are_refused(drive: dict[str, Any], complaint: str) -> None:
-    drive_ = checked(Input, {"to": "plant.u", **drive}, "s.toml")
+    drive_ = validate(Input, {"to": "plant.u", **drive}, "s.toml")
     with pytest.raises(InputError, match=complaint):
         require_sampled(drive_, STEP)
     require_sampled(drive_, STEP / 2)

@@ -1,0 +1,54 @@
+"""Options of a design and the weights of filter and regulator; the defaults are the paper's where it gives one."""
+
+from dataclasses import field
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from flexbeams.controller.reduction import OutputWeight
+from flexbeams.controller.transition import LOWEST_ORDER
+from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName
+from flexbeams.plant.validation import STRICT, Index, Positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+class Weights:
+    """Weights (46), (47) of filter and regulator; the defaults are the published ones."""
+
+    kalman_measurement: Positive = 20.0  # R_o / I, strain^2 in SI
+    kalman_q_total: Positive = 50.0
+    kalman_q_position: Positive = 5e3
+    kalman_q_velocity: Positive = 10.0
+    lqr_input: Positive = 0.01  # R_c / I
+    lqr_q_total: Positive = 200.0
+    lqr_q_position: Positive = 10.0
+    lqr_q_velocity: Positive = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+class DesignOptions:
+    """What a designer chooses; only the static correction departs from the paper by default."""
+
+    basis: BasisName = "clamped_free"
+    order: Index | None = None  # modes of a beam, or polynomial degree; default 10 or 9
+    reduced_modes: Index = 5  # N_r: position and velocity states retained of each beam
+    output_weight: OutputWeight | None = None  # default: identity for clamped_free, energy for segment
+    static_correction: Annotated[bool, Field(strict=True)] = True  # direct terms that carry the truncated modes at rest
+    static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
+    sample_time: Positive = 2e-4  # s
+    transition_time: Annotated[float, Field(ge=1e-3, le=1e4, strict=True)] = 0.9  # s, as the unit's bounds
+    gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9
+    voltage_limit: Positive = 1000.0  # V
+    integral_gain: Annotated[float, Field(ge=0, le=1, strict=True)] = 1e-4  # k_I of (45), a sample
+    weights: Weights = field(default_factory=Weights)
+
+    @property
+    def basis_order(self) -> int:
+        """Modes of a beam, or polynomial degree, with the default of the basis."""
+        return DEFAULT_ORDER[self.basis] if self.order is None else self.order
+
+    @property
+    def balanced_norm(self) -> OutputWeight:
+        """Output weight of the balanced truncation, with the default of the basis."""
+        return self.output_weight or ("energy" if self.basis == "segment" else "identity")
