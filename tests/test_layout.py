@@ -48,7 +48,6 @@ BEING_SPLIT = "being split"
 LONG_MODULES = {
     "flexbeams.fmus.python.slave": BEING_SPLIT,
     "flexbeams.fmus.units.shipped": BEING_SPLIT,
-    "flexbeams.scenarios.importing.ssp": BEING_SPLIT,
     "flexbeams.scenarios.runs.scenario": BEING_SPLIT,
 }
 LONG_FUNCTIONS = {

@@ -154,7 +154,7 @@ def validate(files: tuple[Path, ...], runs: bool) -> int:
     FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF). Packages: the SSP 1.0 schemas,
     connectors, units, start values, and the FMUs inside.
     """
-    from flexbeams.scenarios.importing.ssp import is_package
+    from flexbeams.scenarios.importing.package import is_package
     from flexbeams.scenarios.validation.package import package_problems, unit_problems
     from flexbeams.scenarios.validation.references import reference_checks
 

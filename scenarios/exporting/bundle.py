@@ -15,7 +15,7 @@ from flexbeams.scenarios.definition.schema import Coupling, Scenario, find_scena
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.links import Link
 from flexbeams.scenarios.exporting.source_signals import source_signals
-from flexbeams.scenarios.importing.extraction import unit_description
+from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run
 from flexbeams.scenarios.runs.scenario import prepare
 

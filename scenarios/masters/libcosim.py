@@ -7,7 +7,7 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import FlexbeamsError
-from flexbeams.scenarios.importing.ssp import is_package
+from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.importing.ssp import Package
-from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
+from flexbeams.scenarios.importing.package import Package
+from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, connections_by_pair, unpacked
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
@@ -69,7 +69,7 @@ def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int],
         fmu_blocks.FMUWrapper = original
     connections = [
         Connection(blocks[start][[output for output, _ in wires]], blocks[end][[i for _, i in wires]])
-        for (start, end), wires in wires_by_pair(package).items()
+        for (start, end), wires in connections_by_pair(package).items()
     ]
     scopes = []
     for name, block in blocks.items():

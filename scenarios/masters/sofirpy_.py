@@ -4,7 +4,7 @@ import logging
 import time
 from typing import Any
 
-from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
+from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, connections_by_pair, unpacked
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
@@ -32,7 +32,7 @@ def simulate(task: Task) -> Trace:
     handlers, level = root.handlers[:], root.level
     with unpacked(task.file) as package:
         connections: dict[str, list[Any]] = {}
-        for (start, end), wires in wires_by_pair(package).items():
+        for (start, end), wires in connections_by_pair(package).items():
             connections.setdefault(end, []).extend(
                 {"parameter_name": target, "connect_to_system": start, "connect_to_external_parameter": output}
                 for output, target in wires

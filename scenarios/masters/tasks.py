@@ -10,9 +10,10 @@ from pathlib import Path
 from fmpy import read_model_description
 
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.osp import read_osp
-from flexbeams.scenarios.importing.ssp import Package, is_package, open_package
+from flexbeams.scenarios.importing.package import Package, is_package
+from flexbeams.scenarios.importing.ssp import open_package
 from flexbeams.scenarios.masters.trace import Fault, Task
 
 # Of tools that read single units
@@ -111,12 +112,12 @@ def private_folder() -> Iterator[Path]:
 def unpacked(file: Path) -> Iterator[Package]:
     """An SSP read and its units extracted, in a folder as of `private_folder`."""
     with private_folder() as folder:
-        yield open_package(file, folder / "package", Allowance())
+        yield open_package(file, folder / "package", ExtractionBudget())
 
 
-def wires_by_pair(package: Package) -> dict[tuple[str, str], list[tuple[str, str]]]:
+def connections_by_pair(package: Package) -> dict[tuple[str, str], list[tuple[str, str]]]:
     """Outputs and inputs that are connected, by source and target."""
     pairs: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    for wire in package.wires:
-        pairs.setdefault((wire.start[0], wire.end[0]), []).append((wire.start[1], wire.end[1]))
+    for connection in package.connections:
+        pairs.setdefault((connection.start[0], connection.end[0]), []).append((connection.start[1], connection.end[1]))
     return pairs

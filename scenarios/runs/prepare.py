@@ -18,7 +18,7 @@ from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import require_sampled
-from flexbeams.scenarios.importing.extraction import unit_description
+from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.results.metrics import Measurement
 from flexbeams.scenarios.runs.start_values import require_open, start_values

@@ -20,7 +20,7 @@ from flexbeams.plant.galerkin import BasisName, BeamModel
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, first_comment, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.files import write_results
@@ -191,15 +191,17 @@ def step_units(
     source: str,
     notify: Callable[[str], None],
     progress: Callable[[int, int], None],
-    allowance: Allowance | None = None,
+    budget: ExtractionBudget | None = None,
 ) -> Recording:
-    """Loads the units of the instances and steps them by the wiring; `allowance` bounds what is extracted in all."""
+    """Loads the units of the instances and steps them by the wiring; `budget` bounds what is extracted in all."""
     wiring, steps = draft.wiring, draft.steps
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         instances: dict[str, UnitInstance] = {}
         try:
             for name, file in files.items():
-                instances[name] = _instance(name, file, Path(folder) / name, source, notify, allowance or Allowance())
+                instances[name] = _instance(
+                    name, file, Path(folder) / name, source, notify, budget or ExtractionBudget()
+                )
             if settings.record_animation:
                 wiring.frames = frame_layout(instances, wiring.sources, wiring.inputs)
             simulation = CoSimulation(
@@ -219,11 +221,11 @@ def step_units(
 
 
 def _instance(
-    name: str, file: Path, folder: Path, source: str, notify: Callable[[str], None], allowance: Allowance
+    name: str, file: Path, folder: Path, source: str, notify: Callable[[str], None], budget: ExtractionBudget
 ) -> UnitInstance:
     """An instance of an FMU's file, extracted to a folder."""
     try:
-        allowance.extract(file, folder, _LOADED)
+        budget.extract(file, folder, _LOADED)
         return UnitInstance(name, folder, read_model_description(str(folder), validate=False), notify)
     except Exception as error:
         reason = " ".join((str(error).strip() or type(error).__name__).splitlines())

@@ -15,7 +15,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.declaration import TYPE_ORDER
 from flexbeams.scenarios.definition.time_table import TimeTable, read_time_table
-from flexbeams.scenarios.importing.documents import read_document, schema_problems
+from flexbeams.scenarios.importing.xml_reading import read_document, schema_problems
 
 Value = float | bool | str
 UNSTATED = 1e-6  # tolerance of an experiment that states none

@@ -10,8 +10,8 @@ import numpy as np
 from flexbeams.fmus.references.results import MANIFEST
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.importing.archives import Allowance
-from flexbeams.scenarios.importing.extraction import unit_description
+from flexbeams.scenarios.importing.archives import ExtractionBudget
+from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import Declared, Trial, declared_experiments, read_trial
@@ -33,12 +33,12 @@ def reference_checks(file: Path) -> list[tuple[bool, str]]:
 
     What cannot be read or run here does not speak against it.
     """
-    if all(entry.filename != MANIFEST for entry in Allowance().check(file)):
+    if all(entry.filename != MANIFEST for entry in ExtractionBudget().check(file)):
         return []
     with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as temporary:
         folder = Path(temporary) / "unit"
         try:
-            Allowance().extract(file, folder)
+            ExtractionBudget().extract(file, folder)
             description = unit_description(file, "", "")
             declared = declared_experiments(folder, description)
         except InputError as error:

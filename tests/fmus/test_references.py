@@ -24,7 +24,7 @@ from flexbeams.fmus.units.shipped import UNITS, interface_of
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.time_table import TimeTable
-from flexbeams.scenarios.importing.documents import read_document, schema_problems
+from flexbeams.scenarios.importing.xml_reading import read_document, schema_problems
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import Trial, declared_experiments, read_trial, values_at
 from flexbeams.scenarios.validation.references import deviation, run_trial

@@ -1,4 +1,4 @@
-"""XML documents of others: without entities or a DTD, checked against the schemas of SSP 1.0 that FMPy brings along."""
+"""Reading untrusted XML: without entities or a DTD, checked against the schemas of SSP 1.0 shipped with FMPy."""
 
 import re
 from functools import cache
@@ -15,7 +15,7 @@ _SCHEMAS = {SSD: "SystemStructureDescription.xsd", SSV: "SystemStructureParamete
 
 
 def read_document(content: bytes, source: str) -> Any:
-    """The root element; InputError for what is not plain XML, a document type declaration included."""
+    """The root element; InputError for malformed XML and for a document type declaration."""
     parser = etree.XMLParser(
         resolve_entities=False, load_dtd=False, no_network=True, remove_comments=True, remove_pis=True
     )
@@ -29,12 +29,12 @@ def read_document(content: bytes, source: str) -> Any:
 
 
 def detached(element: Any) -> Any:
-    """A copy of an element as the root of a document of its own."""
+    """A copy of an element as the root of a separate document."""
     return etree.fromstring(etree.tostring(element, with_tail=False))
 
 
 def schema_problems(root: Any, namespace: str) -> list[str]:
-    """What the schema of SSD or SSV says of a document, a line each."""
+    """Violations of the schema of SSD or SSV, one line each."""
     schema = _schema(namespace)
     if schema.validate(root):
         return []

@@ -1,4 +1,4 @@
-"""FMUs on their way into a run: sound archives, plain XML, FMI 2.0 for co-simulation."""
+"""Descriptions of FMUs: from sound archives, of FMI 2.0 for co-simulation."""
 
 import io
 import zipfile
@@ -8,14 +8,17 @@ from typing import Any
 from fmpy import read_model_description
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.importing.archives import Allowance
-from flexbeams.scenarios.importing.documents import read_document
+from flexbeams.scenarios.importing.archives import ExtractionBudget
+from flexbeams.scenarios.importing.xml_reading import read_document
 
 
 def unit_description(file: Path, key: str, source: str) -> Any:
-    """FMPy's description of an FMI 2.0 co-simulation unit; InputError, with what names the file, for anything else."""
+    """FMPy's description of an FMI 2.0 co-simulation unit; InputError for anything else.
+
+    `key` and `source` name the file in errors.
+    """
     try:
-        Allowance().check(file)
+        ExtractionBudget().check(file)
         with zipfile.ZipFile(file) as archive:
             content = archive.read("modelDescription.xml")
         root = read_document(content, "modelDescription.xml")
@@ -33,6 +36,6 @@ def unit_description(file: Path, key: str, source: str) -> Any:
         with zipfile.ZipFile(stored, "w") as archive:
             archive.writestr("modelDescription.xml", content)
         return read_model_description(stored, validate=False)
-    except Exception as error:  # whatever FMPy makes of a damaged description
+    except Exception as error:  # FMPy raises various errors on a damaged description
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise InputError(key, f"must be an FMU ({reason})", str(file), source=source) from None
