@@ -12,7 +12,8 @@ from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
-from tests.helpers import STRUCTURES, Workshop, design_of, session_folder
+from tests.helpers import STRUCTURES, BuiltUnits, Workshop, design_of, session_folder
+from tests.native.workshop import native_folder, needs_zig
 
 MOST_WORKERS = 8
 
@@ -38,6 +39,12 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 @pytest.fixture(scope="session")
 def workshop() -> Workshop:
     return Workshop()
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_zig), "python"])
+def units(request: pytest.FixtureRequest) -> BuiltUnits:
+    """Extracted FMUs of each backend in turn."""
+    return native_folder if request.param == "native" else Workshop().folder
 
 
 @pytest.fixture(scope="session")

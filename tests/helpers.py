@@ -67,6 +67,7 @@ targets = [{{ time = 0.01, value = [1e-3] }}]
 """
 )
 
+BuiltUnits = Callable[..., Path]  # unit, structure, basis: the folder that the FMU is extracted to
 Export = Callable[..., Path]
 Write = Callable[[str, str], Path]
 

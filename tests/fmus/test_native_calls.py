@@ -5,6 +5,7 @@ import zlib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from ctypes import c_char_p, c_int, c_size_t, c_uint
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,24 @@ class Instance:
 
 def instance(unit: str = "BeamPlant", **named: Any) -> "closing[Instance]":
     return closing(Instance(native_folder(unit), **named))
+
+
+def after_a_step(one: Instance) -> bytes:
+    """Every number after a plain initialisation and a step in which nothing is logged."""
+    one.to("stepping")
+    assert (one.call("doStep", 0.0, SAMPLE), one.lines) == (OK, [])
+    kinds = {"Real": [], "Integer": [], "Boolean": []}  # type: dict[str, list[int]]
+    for v in one.description.modelVariables:
+        if v.type in kinds:
+            kinds[v.type].append(v.valueReference)
+    return np.concatenate([getattr(one.fmu, f"get{kind}")(found) for kind, found in kinds.items() if found]).tobytes()
+
+
+@cache
+def untouched(unit: str) -> bytes:
+    """The same of an instance to which nothing else was done."""
+    with instance(unit) as one:
+        return after_a_step(one)
 
 
 P, F, C = UNITS
@@ -170,8 +189,7 @@ def test_misuse_is_refused_with_one_line(
         assert one.call("doStep", 0.0, SAMPLE) == ERROR
         assert one.lines[0][3] == f"fmi2DoStep is refused until fmi2Reset, the instance failed: {reason}"
         assert one.call("reset") == OK
-        one.to("stepping")
-        assert (one.call("doStep", 0.0, SAMPLE), one.lines) == (OK, [])
+        assert after_a_step(one) == untouched(unit)
 
 
 @pytest.mark.parametrize(
@@ -208,7 +226,9 @@ def test_parameters_beyond_the_range_of_doubles_are_refused() -> None:
             one.call("exitInitializationMode")
 
 
-def test_an_impossible_parameter_can_be_mended() -> None:
+def test_after_an_impossible_parameter_the_unit_is_as_new() -> None:
+    with instance() as one:
+        expected = [after_a_step(one)]
     with instance() as one:
         one.to("initialising")
         density = [one.references["beam[1].density"]]
@@ -216,9 +236,7 @@ def test_an_impossible_parameter_can_be_mended() -> None:
         assert one.call("exitInitializationMode") == ERROR
         assert one.lines[0][3] == "fmi2ExitInitializationMode: beam[1].density must be finite and > 0, got 0.0"
         one.call("reset")
-        one.to("initialising")
-        one.call("setReal", density, [1400.0])
-        assert (one.call("exitInitializationMode"), one.call("doStep", 0.0, SAMPLE)) == (OK, OK)
+        assert [after_a_step(one)] == expected
 
 
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
