@@ -113,7 +113,7 @@ def _content(drive: Input, folder: Path) -> tuple[Any, int, dict[str, Any]]:
     if drive.pseudo_random:
         return _pseudo_random(drive.pseudo_random)
     if drive.table:
-        rows = table_rows(drive.table, folder)
+        rows = table_rows(drive.table, drive.to, folder)
         kind = "held_table" if drive.table.hold == "zero" else "joined_table"
         return kind, rows.shape[1] - 1, {"table": rows}
     if drive.targets:
