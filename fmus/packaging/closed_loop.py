@@ -6,6 +6,7 @@ of a part works on a slice of the whole's values.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -14,16 +15,17 @@ from flexbeams.fmus.documents.closed_loop_page import Block, loop_picture, wirin
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.variables import Interface, Variable, time_variable
 from flexbeams.fmus.packaging.c_tables import (
-    DEFERRED,
     NAME_SIZE,
-    c_list,
+    c_array,
     c_real,
-    c_source,
     c_text,
-    interface_tables,
-    kernel_tables,
+    description_tables,
+    heading,
+    kernel_data,
 )
-from flexbeams.fmus.packaging.native import FMI_FILES, NativeUnit, mathematics_files, native_source
+from flexbeams.fmus.packaging.native import NativeUnit
+from flexbeams.fmus.units.kernels import NATIVE, Kernel
+from flexbeams.fmus.units.native_kernels import kernel_of
 
 UNIT = "BeamClosedLoop"
 _INNER = ("x_ref",)  # outputs that concern nobody outside once they are wired
@@ -31,7 +33,7 @@ _INNER = ("x_ref",)  # outputs that concern nobody outside once they are wired
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """A unit within a closed loop; data and meta are those of fmus.data.unit_data."""
+    """A unit within a closed loop; data and meta are those of fmus.packaging.design_data.unit_data."""
 
     name: str
     interface: Interface
@@ -42,6 +44,11 @@ class Part:
     def unit(self) -> str:
         """Which unit it is."""
         return self.interface.unit_name
+
+    @property
+    def kernel(self) -> Kernel:
+        """Its mathematics."""
+        return kernel_of(self.unit)
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -66,26 +73,25 @@ class ClosedLoop(NativeUnit):
     wires: tuple[Wire, ...]
     coupling: str  # jacobi or gauss-seidel
 
-    def files(self) -> tuple[str, ...]:
-        """The files of fmus/native that are among its sources."""
-        headers = {file for part in self.parts for file in mathematics_files(part.unit) if file.endswith(".h")}
-        return (*FMI_FILES, "closed_loop.c", "closed_loop.h", "part.h", *sorted(headers))
+    def interpolates_inputs(self) -> bool:
+        """Inputs are held."""
+        return False
 
-    def tables(self, guid: str) -> dict[str, str]:
-        """tables.c, part_<k>.c, and the mathematics under names that no tool compiles, since the parts include it."""
-        sources = {f"part_{k}.c": self._part_source(part, k) for k, part in enumerate(self.parts, 1)}
-        included = {
-            _included(file): native_source(file)
-            for part in self.parts
-            for file in mathematics_files(part.unit)
-            if file.endswith(".c")
-        }
-        return sources | included | {"tables.c": self._loop_source(guid)}
+    def kernels(self) -> list[Path]:
+        """The C files of its mathematics, that of each kind of part once."""
+        return [NATIVE / "units" / "closed_loop.c", *dict.fromkeys(part.kernel.source for part in self.parts)]
 
-    def compiled(self) -> list[str]:
-        """All .c files: the parts include the mathematics, each under names of its own."""
-        parts = [f"part_{k}.c" for k in range(1, len(self.parts) + 1)]
-        return sorted([*(file for file in FMI_FILES if file.endswith(".c")), "closed_loop.c", "tables.c", *parts])
+    def tables(self, guid: str) -> str:
+        """The C text of the parts' data, of the wires, and of the variables and the GUID."""
+        deferred = {f"{part.name}.{array}" for part in self.parts for array in part.kernel.deferred}
+        return "\n".join(
+            [
+                heading(self.interface),
+                *[text for number, part in enumerate(self.parts, 1) for text in self._part_data(part, number)],
+                *self._loop_data(),
+                *description_tables(self.interface, guid, "closed_loop_hooks", "unit_data", deferred),
+            ]
+        )
 
     def picture(self) -> bytes:
         """model.png: the parts as blocks with their wires."""
@@ -103,57 +109,34 @@ class ClosedLoop(NativeUnit):
         arrays = {f"{part.name}.{v.name}": f"{part.name}.{v.array}" for part in self.parts for v in part.interface}
         return list(dict.fromkeys((arrays[w.source], arrays[w.to]) for w in self.wires))
 
-    def _part_source(self, part: Part, number: int) -> str:
-        files = [file for file in mathematics_files(part.unit) if file.endswith(".c")]
-        return c_source(
-            f"{part.name}, a {part.unit}, as a part of a closed loop",
-            f"#define PART(name) part_{number}_##name",
-            f"#define PART_VALUES {self.interface.reference(f'{part.name}.time')}",
-            "",
-            '#include "part.h"',
-            *[f'#include "{_included(file)}"' for file in files],
-            "",
-            f"const double unit_step_size = {c_real(part.interface.step_size)};",
-            *kernel_tables(part.interface, part.data, part.meta),
-        )
+    def _part_data(self, part: Part, number: int) -> list[str]:
+        about = f"/* Part {number}: {part.name}, a {part.unit}. Value references are its own. */\n"
+        return [about, *kernel_data(f"part_{number}", part.kernel, part.interface, part.data, part.meta)]
 
-    def _loop_source(self, guid: str) -> str:
-        names = {w.to: w.source for w in self.wires}
+    def _loop_data(self) -> list[str]:
+        sources = {w.to: w.source for w in self.wires}
         runs: list[list[int]] = []
         parts = []
-        for part in self.parts:
+        for number, part in enumerate(self.parts, 1):
             first = len(runs)
             for v in part.variables:
-                if (to := f"{part.name}.{v.name}") in names:
-                    _extend(runs, first, self.interface.reference(names[to]), self.interface.reference(to))
+                if (to := f"{part.name}.{v.name}") in sources:
+                    _extend(runs, first, self.interface.reference(sources[to]), self.interface.reference(to))
             parts.append(
-                f"{{.values = {self.interface.reference(f'{part.name}.time')}, .first_wire = {first}, "
+                f"{{.hooks = &{part.kernel.hooks}, .data = &part_{number}, "
+                f".step_size = {c_real(part.interface.step_size)}, "
+                f".values = {self.interface.reference(f'{part.name}.time')}, .first_wire = {first}, "
                 f".wire_count = {len(runs) - first}, .name = {c_text(part.name, NAME_SIZE)}}}"
             )
         wires = [f"{{.from = {source}, .to = {to}, .count = {count}}}" for source, to, count in runs]
-        numbers = range(1, len(self.parts) + 1)
-        deferred = {f"{part.name}.{array}" for part in self.parts for array in DEFERRED.get(part.unit, ())}
-        return c_source(
-            f"the tables of {UNIT}",
-            '#include "closed_loop.h"',
-            "",
-            *interface_tables(self.interface, guid, deferred),
-            f"const size_t loop_part_count = {len(parts)};",
-            f"const size_t loop_wire_count = {len(wires)};",
-            f"const bool loop_is_sequential = {'true' if self.coupling == 'gauss-seidel' else 'false'};",
-            c_list("loop_part loop_parts[]", parts, 1),
-            c_list("loop_wire loop_wires[]", wires or ["{0}"], 1),
-            *[f"SHARED mathematics fmi2FullName(part_{k}_mathematics)(void);" for k in numbers],
-            "\nmathematics loop_mathematics(size_t part)\n{\n    switch (part) {",
-            *[f"    case {k - 1}: return fmi2FullName(part_{k}_mathematics)();" for k in numbers[:-1]],
-            f"    default: return fmi2FullName(part_{numbers[-1]}_mathematics)();",
-            "    }\n}\n",
-        )
-
-
-def _included(file: str) -> str:
-    """beam_plant.c as beam_plant.inc: some tools compile every .c file that they find."""
-    return file.removesuffix(".c") + ".inc"
+        return [
+            c_array("LoopPart data_parts[]", "the parts in the order in which they step", parts, 1),
+            c_array("LoopWire data_wires[]", "from outputs to inputs, by value reference", wires or ["{0}"], 1),
+            "static const ClosedLoopData unit_data = {\n"
+            f"    .part_count = {len(parts)},\n    .parts = data_parts,\n"
+            f"    .wire_count = {len(wires)},\n    .wires = data_wires,\n"
+            f"    .is_sequential = {'true' if self.coupling == 'gauss-seidel' else 'false'},\n}};\n",
+        ]
 
 
 def closed_loop_interface(

@@ -277,6 +277,6 @@ def stepper_library(folder: Path, compiler: str) -> Path:
     if not library.is_file():
         with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
             built = Path(temporary) / f"stepper{platform.suffix}"
-            find_compiler(compiler).build(built, [source], _NATIVE, platform)
+            find_compiler(compiler).build(built, [source], [_NATIVE], platform)
             write_whole(library, built.read_bytes())
     return library

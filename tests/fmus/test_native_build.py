@@ -17,13 +17,17 @@ from fmpy.validation import validate_fmu
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging import compilers
-from flexbeams.fmus.packaging.c_tables import panels, tables_source
+from flexbeams.fmus.packaging.c_tables import panels, unit_tables
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
-from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
+from flexbeams.fmus.packaging.native import HEADERS, NativeUnit, build_native_units, unit_sources
+from flexbeams.fmus.units.kernels import NATIVE
+from flexbeams.fmus.units.native_kernels import kernel_of
 from flexbeams.fmus.units.shipped import UNITS
 from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.native.workshop import (
+    FUNCTIONS,
     HARNESSES,
+    INCLUDES,
     NATIVE_UNITS,
     STRICT,
     ZIG,
@@ -33,17 +37,10 @@ from tests.native.workshop import (
     needs,
     needs_zig,
     run,
-    source_files,
-    source_folder,
+    source_file,
     workspace,
 )
 from tests.units.loaded import loaded
-
-FUNCTIONS = sorted(
-    name
-    for name in {*dir(fmpy.fmi2.FMU2Slave), *dir(fmpy.fmi2.FMU2Model)}
-    if name.startswith("fmi2") and name[4].isupper()
-)
 
 
 @needs_zig
@@ -102,17 +99,16 @@ def test_contents_of_a_unit(unit: str) -> None:
         assert archive.read("model.png").startswith(b"\x89PNG\r\n\x1a\n")
         assert archive.read("documentation/licenses/LICENSE") == Path("LICENSE").read_bytes()
         guid = fmpy.read_model_description(native_folder(unit)).guid
-        assert guid.encode() in archive.read("sources/tables.c")
+        assert guid.encode() in archive.read(f"sources/{unit}_tables.h")
     assert names == sorted(names)
     assert page.open == []
     assert page.count["math"] >= 3
     assert page.count["tr"] > len(fmpy.read_model_description(native_folder(unit)).modelVariables)
     assert all(link.startswith("data:image/png;base64,") for link in page.links)
     listed = [node.get("name") for node in ElementTree.parse(native_folder(unit) / "modelDescription.xml").iter("File")]
-    assert listed == [path.name for path in source_files(unit)]
+    assert listed == [f"{unit}.c"]
     assert listed == [Path(n).name for n in names if n.endswith(".c")]  # some tools compile all that they find
-    text = "".join(path.read_text() for path in source_files(unit))
-    assert all(f'#include "{Path(n).name}"' in text for n in names if n.endswith(".inc"))
+    assert [n for n in names if n.endswith(".h")] == [f"sources/{unit}_tables.h"]  # those of FMI are the tool's
     host = host_platform()
     binaries = sorted(f"binaries/{folder}/{unit}{host.suffix}" for folder in host.folders)
     assert [n for n in names if n.startswith("binaries/")] == binaries
@@ -145,15 +141,12 @@ def test_the_guid_follows_the_contents() -> None:
     ids=["gcc", "clang", "zig"],
 )
 def test_no_compiler_warns(command: tuple[str, ...], tmp_path: Path) -> None:
-    """All sources of all units and the harnesses, in strict C99."""
-    sources: dict[str, Path] = {}
-    for unit in NATIVE_UNITS:
-        for path in source_files(unit):
-            sources[f"{unit}.c" if path.name == "tables.c" else path.name] = path
-    includes = [f"-I{source_folder(unit)}" for unit in NATIVE_UNITS]
-    harnesses = [HARNESSES / f"{name}.c" for name in ("life_cycle", "closed_loop", "run_library")]
-    for path in [*sources.values(), *harnesses]:
-        run([*command, *STRICT, "-O2", *includes, "-c", str(path), "-o", str(tmp_path / "out.o")])
+    """The file of each unit, each file that it was made of on its own, and the harnesses, in strict C99."""
+    sources = [*map(source_file, NATIVE_UNITS), *sorted(NATIVE.rglob("*.c"))]
+    harnesses = [HARNESSES / f"{name}.c" for name in ("life_cycle", "closed_loop", "run_library", "texts")]
+    for path in [*sources, *harnesses]:
+        flags = ("-O2", '-DUNIT_GUID=""', *INCLUDES)
+        run([*command, *STRICT, *flags, "-c", str(path), "-o", str(tmp_path / "out.o")])
 
 
 @needs_zig
@@ -166,10 +159,8 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     shown = [line.split()[-1] for line in run(["nm", "-D", "--defined-only", str(library)]).splitlines()]
     assert sorted(shown) == FUNCTIONS
     dynamic = run(["readelf", "-d", "--wide", str(library)])
-    assert sorted(line.split("[")[1].rstrip("]") for line in dynamic.splitlines() if "NEEDED" in line) == [
-        "libc.so.6",
-        "libm.so.6",
-    ]
+    needed = {line.split("[")[1].rstrip("]") for line in dynamic.splitlines() if "NEEDED" in line}
+    assert {"libc.so.6"} <= needed <= {"libc.so.6", "libm.so.6"}
     versions = {
         line.rsplit("GLIBC_", 1)[1].split(")")[0].split()[0]
         for line in run(["readelf", "--dyn-syms", "--wide", str(library)]).splitlines()
@@ -177,8 +168,7 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     }
     assert all(tuple(map(int, version.split("."))) <= (2, 17) for version in versions)
     if shutil.which("gcc"):
-        sources = map(str, source_files(unit))
-        run(["gcc", "-std=c99", "-O2", "-fPIC", "-c", *sources], cwd=tmp_path)
+        run(["gcc", "-std=c99", "-O2", "-fno-pic", f"-I{HEADERS}", "-c", str(source_file(unit))], cwd=tmp_path)
         symbols = run(["nm", *map(str, tmp_path.glob("*.o"))])
         writable = [line for line in symbols.splitlines() if len(line.split()) == 3 and line.split()[1] in "BbCDdSs"]
         assert writable == []
@@ -333,10 +323,14 @@ def test_missing_compilers_say_what_to_install(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell script is the compiler")
 def test_a_failing_compiler_is_reported_in_one_line(tmp_path: Path) -> None:
     script = tmp_path / "cc"
-    script.write_text("#!/bin/sh\necho 'tables.c:1: note' >&2\necho 'tables.c:2: error: broken' >&2\nexit 1\n")
+    script.write_text(
+        "#!/bin/sh\necho 'Unit_tables.h:1: note' >&2\necho 'Unit_tables.h:2: error: broken' >&2\nexit 1\n"
+    )
     script.chmod(0o755)
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    with pytest.raises(BuildError, match=r"^TrackingController.so for \S+ cannot be compiled: tables.c:2: error: b"):
+    with pytest.raises(
+        BuildError, match=r"^TrackingController.so for \S+ cannot be compiled: Unit_tables.h:2: error: b"
+    ):
         build_native_units([unit], compiler=str(script))
     assert not unit.out.exists()
     script.write_text("#!/nowhere/sh\n")
@@ -361,8 +355,8 @@ def test_extra_files_go_into_the_unit(tmp_path: Path) -> None:
 def test_tables_hold_every_digit(tmp_path: Path) -> None:
     """The numbers in tables.c are those of the design: all of them, read back by a compiler where there is one."""
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    text = tables_source(unit.interface, unit.data, unit.meta, "{guid}")
-    start = text.index("controller_estimates[] = {")
+    text = unit_tables(unit.interface, kernel_of("TrackingController"), unit.data, unit.meta, "{guid}")
+    start = text.index("data_estimates[] ALIGNED = {")
     numbers = text[start : text.index("};", start)].split("{")[1].replace(",", " ").split()
     outputs = np.hstack([unit.data["H_pi"], unit.data["D_pi"]])
     np.testing.assert_array_equal([float.fromhex(n) for n in numbers], panels(outputs))
@@ -379,16 +373,15 @@ def test_panels() -> None:
 
 def test_unknown_units_and_bad_tables_are_refused(tmp_path: Path) -> None:
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    other = NativeUnit(interface=replace(unit.interface, unit_name="Lag"), data=unit.data, meta=unit.meta, out=unit.out)
     with pytest.raises(BuildError, match="Lag: there is no native unit of this name"):
-        build_native_units([other])
+        NativeUnit(interface=replace(unit.interface, unit_name="Lag"), data=unit.data, meta=unit.meta, out=unit.out)
     broken = NativeUnit(
         interface=unit.interface,
         data={**unit.data, "feedback_gain": np.full((4, 30), np.nan)},
         meta=unit.meta,
         out=unit.out,
     )
-    with pytest.raises(BuildError, match="controller_regulator must be finite"):
+    with pytest.raises(BuildError, match="data_regulator must be finite"):
         build_native_units([broken])
 
 

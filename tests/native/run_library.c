@@ -77,10 +77,10 @@ int main(int argc, char **argv)
     fmi2DoStepTYPE *advance;
     fmi2FreeInstanceTYPE *release;
     /* through memory: ISO C has no conversion from object to function pointers */
-#define LOAD(function, name)                              \
-    do {                                                  \
-        void *const address = find(argv[1], name);        \
-        memcpy(&function, &address, sizeof address);      \
+#define LOAD(function, name)                                                                                           \
+    do {                                                                                                               \
+        void *const address = find(argv[1], name);                                                                     \
+        memcpy(&function, &address, sizeof address);                                                                   \
     } while (0)
     LOAD(instantiate, "fmi2Instantiate");
     LOAD(setup, "fmi2SetupExperiment");

@@ -8,21 +8,40 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from xml.etree import ElementTree
 
+import fmpy
 import pytest
 
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
 from flexbeams.fmus.packaging.design_data import unit_data
-from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
+from flexbeams.fmus.packaging.native import HEADERS, NativeUnit, build_native_units, compiled_file, unit_sources
+from flexbeams.fmus.units.kernels import NATIVE
 from flexbeams.fmus.units.shipped import UNITS, interface_of
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.helpers import design_of, extracted_once, made_once, session_folder
 
 HARNESSES = Path(__file__).parent
+FUNCTIONS = sorted(
+    name
+    for name in {*dir(fmpy.fmi2.FMU2Slave), *dir(fmpy.fmi2.FMU2Model)}
+    if name.startswith("fmi2") and name[4].isupper()
+)  # of FMI 2.0
 NATIVE_UNITS = (*UNITS, UNIT)
-STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+STRICT = (
+    "-std=c99",
+    "-ffp-contract=off",
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wundef",
+    "-Werror",
+)
+INCLUDES = tuple(f"-I{folder}" for folder in (NATIVE, NATIVE / "fmi", NATIVE / "numerics", NATIVE / "units", HEADERS))
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 needs_zig = pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
 
@@ -107,7 +126,7 @@ def small_design() -> Design:
 
 @cache
 def source_folder(unit: str, small: bool = False) -> Path:
-    """The folder with a unit's C files, of the small or the usual design."""
+    """The folder with a unit's sources, of the small or the usual design."""
     design = small_design() if small else design_of()
     folder = workspace() / f"sources-{small}" / unit
     folder.mkdir(parents=True, exist_ok=True)
@@ -116,18 +135,24 @@ def source_folder(unit: str, small: bool = False) -> Path:
     return folder
 
 
-def source_files(unit: str, small: bool = False) -> list[Path]:
-    """The C files that are compiled, in the unit's folder."""
-    folder = source_folder(unit, small)
-    return [folder / name for name in native_unit(unit, small_design() if small else design_of(), folder).compiled()]
+def source_file(unit: str, small: bool = False) -> Path:
+    """The C file that is compiled, in the unit's folder."""
+    return source_folder(unit, small) / compiled_file(unit)
+
+
+@cache
+def guid_of(unit: str, small: bool = False) -> str:
+    """The GUID of the sources."""
+    design = small_design() if small else design_of()
+    return ElementTree.fromstring(unit_sources(native_unit(unit, design, Path()))[1]).get("guid") or ""
 
 
 def compiled(harness: str, unit: str, *command: str, small: bool = False, more: Sequence[str] = ()) -> Path:
     """A harness of this folder linked with a unit's sources by a compiler and its flags."""
-    sources = source_folder(unit, small)
     program = workspace() / f"{harness}-{unit}-{abs(hash((command, small)))}"
-    files = [*source_files(unit, small), HARNESSES / f"{harness}.c"]
-    run([*command, *STRICT, f"-I{sources}", *map(str, files), "-o", str(program), "-lm", *more])
+    files = [source_file(unit, small), HARNESSES / f"{harness}.c"]
+    names = [f'-DUNIT_GUID="{guid_of(unit, small)}"', "-DFMI2_OVERRIDE_FUNCTION_PREFIX"]
+    run([*command, *STRICT, *names, *INCLUDES, *map(str, files), "-o", str(program), "-lm", *more])
     return program
 
 

@@ -30,43 +30,43 @@ typedef struct {
     get_integers get_integer;
     get_integers get_boolean;
     do_step do_step;
-    const unsigned int *written;     /* value references of the inputs */
+    const unsigned int *written; /* value references of the inputs */
     size_t n_written;
-    const span *sources;             /* signals of the inputs, in their order */
+    const span *sources; /* signals of the inputs, in their order */
     size_t n_sources;
-    double *inputs;                  /* scratch, one value an input */
-    const unsigned int *read;        /* value references of the Real outputs */
+    double *inputs;           /* scratch, one value an input */
+    const unsigned int *read; /* value references of the Real outputs */
     size_t n_read;
-    const unsigned int *integers;    /* of the Integer outputs */
+    const unsigned int *integers; /* of the Integer outputs */
     size_t n_integers;
-    const unsigned int *booleans;    /* of the Boolean outputs */
+    const unsigned int *booleans; /* of the Boolean outputs */
     size_t n_booleans;
-    int *scratch;                    /* one value an Integer or Boolean output */
-    int64_t first_output;            /* first signal: Real outputs, then Integer, then Boolean ones */
+    int *scratch;         /* one value an Integer or Boolean output */
+    int64_t first_output; /* first signal: Real outputs, then Integer, then Boolean ones */
 } instance;
 
 /* A run: signals are all outputs by instance, then the external ones. */
 typedef struct {
     instance *instances;
     size_t n_instances;
-    int gauss_seidel;                /* 0: Jacobi, all instances read the values of t_k */
-    double step;                     /* s */
+    int gauss_seidel; /* 0: Jacobi, all instances read the values of t_k */
+    double step;      /* s */
     double *signals;
     size_t n_signals;
     int64_t first_external;
-    const span *recorded;            /* signals of a row, in their order */
+    const span *recorded; /* signals of a row, in their order */
     size_t n_spans;
-    size_t n_recorded;               /* values of a row */
+    size_t n_recorded; /* values of a row */
     /* how a run ended */
     int64_t failed_instance;
-    int failed_function;             /* 0 set, 1 step, 2 get */
+    int failed_function; /* 0 set, 1 step, 2 get */
     int failed_status;
 } run;
 
 /* Lateness of a paced run in s, one entry a step; NULL runs at full speed. Times are of the monotonic clock. */
 typedef struct {
-    double started;                  /* when step 0 was due */
-    double seconds_per_step;         /* of wall clock */
+    double started;          /* when step 0 was due */
+    double seconds_per_step; /* of wall clock */
     double *lateness;
 } pace;
 
