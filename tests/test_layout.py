@@ -53,7 +53,6 @@ LONG_MODULES = {
 LONG_FUNCTIONS = {
     "flexbeams.fmus.documents.closed_loop_page.loop_picture": BEING_SPLIT,
     "flexbeams.fmus.documents.description.model_description": BEING_SPLIT,
-    "flexbeams.fmus.packaging.closed_loop.closed_loop_interface": BEING_SPLIT,
     "flexbeams.fmus.units.shipped.beam_plant": BEING_SPLIT,
     "flexbeams.fmus.units.shipped.flatness_feedforward": BEING_SPLIT,
     "flexbeams.fmus.units.shipped.tracking_controller": BEING_SPLIT,

@@ -28,7 +28,7 @@ from flexbeams.fmus.units.kernels import NATIVE, Kernel
 from flexbeams.fmus.units.native_kernels import kernel_of
 
 UNIT = "BeamClosedLoop"
-_INNER = ("x_ref",)  # outputs that concern nobody outside once they are wired
+_HIDDEN_WHEN_WIRED = ("x_ref",)  # outputs hidden once connected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,55 +147,9 @@ def closed_loop_interface(
     Inputs that are wired become locals. Raises InterfaceError for an array of inputs that is wired in part, and for
     names that do not fit.
     """
-    sources = {w.to: w.source for w in wires}
-    known = {f"{part.name}.{v.name}": (part, v) for part in parts for v in part.interface}
-    passed_on = set(sources.values())
+    wiring = _Wiring(parts, wires)
     for part in parts:
-        _check_arrays(part, sources)
-
-    def origins(part: Part, arrays: Iterable[str], seen: set[str]) -> list[str]:
-        """The arrays of inputs of the whole on which first values depend that depend on these inputs of a part."""
-        found = []
-        for array in arrays:
-            for v in part.interface.variables[(span := part.interface.references(array)).start : span.stop]:
-                name = f"{part.name}.{v.name}"
-                if name not in sources:
-                    found.append(f"{part.name}.{array}")
-                elif name not in seen:
-                    seen.add(name)
-                    owner, output = known[sources[name]]
-                    found += origins(owner, output.initial_inputs, seen)
-        return list(dict.fromkeys(found))
-
-    def outer(part: Part, v: Variable) -> Variable:
-        name = f"{part.name}.{v.name}"
-        if v.causality == "independent":
-            return replace(
-                v,
-                name=name,
-                causality="local",
-                variability="",
-                initial=None,
-                description=f"Time that {part.name} has reached",
-            )
-        if name in sources:
-            return replace(
-                v,
-                name=name,
-                causality="local",
-                initial=None,
-                start=None,
-                description=f"{v.description}; from {sources[name]}",
-                initial_inputs=tuple(origins(part, [v.array], set())),
-            )
-        inner = v.array in _INNER and name in passed_on
-        return replace(
-            v,
-            name=name,
-            causality="local" if inner else v.causality,
-            initial_inputs=tuple(origins(part, v.initial_inputs, set())),
-        )
-
+        _check_arrays(part, wiring.sources)
     return Interface(
         unit_name=UNIT,
         description=description,
@@ -203,10 +157,56 @@ def closed_loop_interface(
         stop_time=stop_time,
         variables=(
             time_variable,
-            *[outer(part, v) for part in parts for v in part.variables],
+            *[wiring.outer(part, v) for part in parts for v in part.variables],
             parts[0].interface["design_id"],
         ),
     )
+
+
+class _Wiring:
+    """The parts' variables as those of the whole."""
+
+    def __init__(self, parts: Sequence[Part], wires: Sequence[Wire]) -> None:
+        self.sources = {w.to: w.source for w in wires}
+        self._owners = {f"{part.name}.{v.name}": (part, v) for part in parts for v in part.interface}
+
+    def outer(self, part: Part, v: Variable) -> Variable:
+        """What the whole shows of a part's variable."""
+        name = f"{part.name}.{v.name}"
+        if v.causality == "independent":
+            text = f"Time that {part.name} has reached"
+            return replace(v, name=name, causality="local", variability="", initial=None, description=text)
+        if name in self.sources:
+            return replace(
+                v,
+                name=name,
+                causality="local",
+                initial=None,
+                start=None,
+                description=f"{v.description}; from {self.sources[name]}",
+                initial_inputs=tuple(self._origins(part, [v.array], set())),
+            )
+        hidden = v.array in _HIDDEN_WHEN_WIRED and name in self.sources.values()
+        return replace(
+            v,
+            name=name,
+            causality="local" if hidden else v.causality,
+            initial_inputs=tuple(self._origins(part, v.initial_inputs, set())),
+        )
+
+    def _origins(self, part: Part, arrays: Iterable[str], seen: set[str]) -> list[str]:
+        """The arrays of inputs of the whole on which first values depend that depend on these inputs of a part."""
+        origins = []
+        for array in arrays:
+            for v in part.interface.variables[(span := part.interface.references(array)).start : span.stop]:
+                name = f"{part.name}.{v.name}"
+                if name not in self.sources:
+                    origins.append(f"{part.name}.{array}")
+                elif name not in seen:
+                    seen.add(name)
+                    owner, output = self._owners[self.sources[name]]
+                    origins += self._origins(owner, output.initial_inputs, seen)
+        return list(dict.fromkeys(origins))
 
 
 def _check_arrays(part: Part, sources: Mapping[str, str]) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexbeams.controller.observer import tick_matrices
 from flexbeams.controller.planner import sample_grid
@@ -12,6 +13,15 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.units.kernels import NATIVE, Data, Fields, Kernel, Records, Table, first_references
 
 _MATRICES = {"M": "MASS", "D": "DAMPING", "K": "STIFFNESS", "L": "INPUT_GAIN"}
+_PLANT_REFERENCES = ("u", "force", "y_pi", "energy", "start_at_rest_under", "strain_noise_std", "noise_seed")
+_FEEDFORWARD_REFERENCES = (
+    *("y_target", "u_ff", "x_ref", "y_ref", "moving", "target_refused"),
+    *("planned_time", "planned_peak", "transition_time", "voltage_limit", "preview"),
+)
+_CONTROLLER_REFERENCES = (
+    *("y_pm", "u_ff", "x_ref", "u", "y_est", "saturated"),
+    *("x_est", "feedback", "integral_gain", "voltage_limit"),
+)
 
 
 def kernel_of(unit: str) -> Kernel:
@@ -50,9 +60,7 @@ def _plant(interface: Interface, data: Data, meta: Mapping[str, Any]) -> Fields:
         "stations": stations,
         "parameter_count": len(parameters),
         "term_count": len(terms),
-        **first_references(
-            interface, "u", "force", "y_pi", "energy", "start_at_rest_under", "strain_noise_std", "noise_seed"
-        ),
+        **first_references(interface, *_PLANT_REFERENCES),
         "parameters": Records(
             type="PlantParameter", rows=parameters, comment="the physical parameters, by value reference"
         ),
@@ -73,41 +81,18 @@ def _plant(interface: Interface, data: Data, meta: Mapping[str, Any]) -> Fields:
 
 
 def _feedforward(interface: Interface, data: Data, meta: Mapping[str, Any]) -> Fields:
-    inverse, curves = data["static_inverse"], data["shape_values"]
-    degree, states = len(data["input_series"]) - 1, len(data["state_series"])
-    voltages, points = inverse.shape
-    exponent, norm = data["transition_constants"]
-    nodes, intervals = len(data["transition_table"]) - 1, curves.shape[1] - 1
+    inverse = data["static_inverse"]
+    (voltages, points), states = inverse.shape, len(data["state_series"])
+    degree = len(data["input_series"]) - 1
     return {
         "voltages": voltages,
         "states": states,
         "points": points,
         "degree": degree,
-        "durations": len(curves),
-        "intervals": intervals,
-        **first_references(
-            interface,
-            "y_target",
-            "u_ff",
-            "x_ref",
-            "y_ref",
-            "moving",
-            "target_refused",
-            "planned_time",
-            "planned_peak",
-            "transition_time",
-            "voltage_limit",
-            "preview",
-        ),
-        "transition": {
-            "exponent": float(exponent),
-            "norm": float(norm),
-            "nodes": nodes,
-            "table": Table(
-                values=data["transition_table"],
-                comment=f"Theta(i / {nodes}) of (37), i = 0 ... {nodes}, ({nodes + 1},), 1",
-            ),
-        },
+        "durations": len(data["shape_values"]),
+        "intervals": data["shape_values"].shape[1] - 1,
+        **first_references(interface, *_FEEDFORWARD_REFERENCES),
+        "transition": _transition(data),
         "input_series": Table(
             values=data["input_series"],
             comment=f"c_i of u = sum_i c_i xi^(i) (31), i = 0 ... {degree}, ({degree + 1},), s^i",
@@ -128,10 +113,32 @@ def _feedforward(interface: Interface, data: Data, meta: Mapping[str, Any]) -> F
             comment=f"[H_pi, D_pi] of y_ref, ({points}, {states} + {voltages}), m and m/V",
             in_panels=True,
         ),
+        **_voltage_curves(data["shape_times"], data["shape_values"]),
+    }
+
+
+def _transition(data: Data) -> Fields:
+    """The struct Transition of native/units/transition.h."""
+    exponent, norm = data["transition_constants"]
+    nodes = len(data["transition_table"]) - 1
+    return {
+        "exponent": float(exponent),
+        "norm": float(norm),
+        "nodes": nodes,
+        "table": Table(
+            values=data["transition_table"],
+            comment=f"Theta(i / {nodes}) of (37), i = 0 ... {nodes}, ({nodes + 1},), 1",
+        ),
+    }
+
+
+def _voltage_curves(durations: NDArray[Any], curves: NDArray[Any]) -> Fields:
+    count, intervals = len(curves), curves.shape[1] - 1
+    return {
         "curve_durations": Table(
-            values=data["shape_times"],
-            comment=f"transition times of the voltage curves, ({len(curves)},), s",
-            decimals={"transition times, s": data["shape_times"][None]},
+            values=durations,
+            comment=f"transition times of the voltage curves, ({count},), s",
+            decimals={"transition times, s": durations[None]},
         ),
         "curve_grid": Table(
             values=sample_grid(intervals), comment=f"t / T at which the voltage curves are given, ({intervals + 1},), 1"
@@ -139,7 +146,7 @@ def _feedforward(interface: Interface, data: Data, meta: Mapping[str, Any]) -> F
         "curves": Table(
             values=curves,
             comment=f"voltage per change of the flat output, a row for each transition time, "
-            f"({len(curves)}, {intervals + 1}), 1",
+            f"({count}, {intervals + 1}), 1",
         ),
     }
 
@@ -153,19 +160,7 @@ def _controller(interface: Interface, data: Data, meta: Mapping[str, Any]) -> Fi
         "points": points,
         "gauges": gauges,
         "sample_time": float(meta["sample_time"]),
-        **first_references(
-            interface,
-            "y_pm",
-            "u_ff",
-            "x_ref",
-            "u",
-            "y_est",
-            "saturated",
-            "x_est",
-            "feedback",
-            "integral_gain",
-            "voltage_limit",
-        ),
+        **first_references(interface, *_CONTROLLER_REFERENCES),
         "filter": Table(
             values=tick.filter,
             comment=f"[A_d - L H_pm, B_d - L D_pm, L] of the Kalman filter (42), "
