@@ -12,6 +12,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from flexbeams.fmus.documents.build_files import build_description, cmake_lists
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.documents.documentation import documentation_page
 from flexbeams.fmus.documents.picture import model_picture
@@ -105,7 +106,13 @@ def unit_sources(unit: NativeUnit, **attributes: str) -> tuple[dict[str, bytes],
         unit.tables("").encode(),
     )
     description = model_description(unit.interface, guid=guid, source_files=[compiled], **attributes)
-    return {compiled: code.encode(), tables: unit.tables(guid).encode()}, description
+    sources = {
+        compiled: code.encode(),
+        tables: unit.tables(guid).encode(),
+        "buildDescription.xml": build_description(name, compiled),
+        "CMakeLists.txt": cmake_lists(name, compiled),
+    }
+    return sources, description
 
 
 def compiled_file(unit: str) -> str:

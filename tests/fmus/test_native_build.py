@@ -1,6 +1,7 @@
 """Building native units: what is in them, compilers, platforms, equal bytes."""
 
 import shutil
+import subprocess
 import sys
 import zipfile
 from dataclasses import replace
@@ -12,6 +13,7 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.build import build_platform_binary
+from fmpy.model_description import read_build_description
 from fmpy.validation import validate_fmu
 
 from flexbeams.fmus.documents.mathml import formula
@@ -23,7 +25,7 @@ from flexbeams.fmus.packaging.native import HEADERS, NativeUnit, build_native_un
 from flexbeams.fmus.units.kernels import NATIVE
 from flexbeams.fmus.units.native_kernels import kernel_of
 from flexbeams.fmus.units.shipped import UNITS
-from tests.helpers import STRUCTURES, Workshop, design_of
+from tests.helpers import ROOT, STRUCTURES, Workshop, design_of
 from tests.native.workshop import (
     FUNCTIONS,
     HARNESSES,
@@ -38,6 +40,7 @@ from tests.native.workshop import (
     needs_zig,
     run,
     source_file,
+    source_folder,
     workspace,
 )
 from tests.units.loaded import loaded
@@ -142,11 +145,20 @@ def test_the_guid_follows_the_contents() -> None:
 )
 def test_no_compiler_warns(command: tuple[str, ...], tmp_path: Path) -> None:
     """The file of each unit, each file that it was made of on its own, and the harnesses, in strict C99."""
-    sources = [*map(source_file, NATIVE_UNITS), *sorted(NATIVE.rglob("*.c"))]
-    harnesses = [HARNESSES / f"{name}.c" for name in ("life_cycle", "closed_loop", "run_library", "texts")]
-    for path in [*sources, *harnesses]:
-        flags = ("-O2", '-DUNIT_GUID=""', *INCLUDES)
+    sources = [*map(source_file, NATIVE_UNITS), *sorted(NATIVE.rglob("*.c")), *sorted(HARNESSES.glob("*.c"))]
+    loops = [ROOT / "scenarios" / name for name in ("simulation/native/stepper.c", "bench/native/bench.c")]
+    for path in [*sources, *loops]:
+        flags = ("-O2", '-DUNIT_GUID=""', *INCLUDES, f"-I{source_folder('FlatnessFeedforward')}")
         run([*command, *STRICT, *flags, "-c", str(path), "-o", str(tmp_path / "out.o")])
+
+
+@needs("clang-format")
+def test_c_files_are_formatted() -> None:
+    """As .clang-format says; the headers of the standard stay as they came."""
+    folders = [NATIVE, HARNESSES, ROOT / "scenarios" / "simulation", ROOT / "scenarios" / "bench"]
+    files = [path for folder in folders for path in sorted(folder.rglob("*.[ch]")) if path.parent != HEADERS]
+    assert len(files) > 30
+    run(["clang-format", "--dry-run", "-Werror", *map(str, files)])
 
 
 @needs_zig
@@ -287,6 +299,45 @@ def test_fmpy_compiles_the_sources(unit: str, tmp_path: Path) -> None:
         with loaded(place) as one:
             ends.append(one.begin().advance(2e-4).everything())
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-14)
+
+
+@needs_zig
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_the_build_description(unit: str) -> None:
+    """Valid by the schema of FMI 3.0, to which FMI 2.0.4 refers; one file that defines its prefix itself."""
+    (configuration,) = read_build_description(native_folder(unit))
+    assert configuration.modelIdentifier == unit
+    (files,) = configuration.sourceFileSets
+    assert (files.language, files.sourceFiles, files.preprocessorDefinitions) == ("C99", [f"{unit}.c"], [])
+
+
+@needs_zig
+@needs("cmake", "ninja", "nm")
+@pytest.mark.parametrize(("shared", "prefix"), [("ON", ""), ("OFF", "BeamClosedLoop_")])
+def test_cmake_builds_the_sources(shared: str, prefix: str, tmp_path: Path) -> None:
+    """A shared library with the plain names, a static one with the prefixed names."""
+    sources = native_folder("BeamClosedLoop") / "sources"
+    options = [f"-DFMI2_HEADERS={HEADERS}", f"-DBUILD_SHARED_LIBS={shared}", "-DCMAKE_C_FLAGS=-Wall -Wextra -Werror"]
+    run(["cmake", "-G", "Ninja", "-S", str(sources), "-B", str(tmp_path), *options])
+    run(["cmake", "--build", str(tmp_path)])
+    (library,) = [path for path in tmp_path.iterdir() if path.suffix in (".so", ".a")]
+    assert library.stem.removeprefix("lib") == "BeamClosedLoop"
+    flags = ["-D"] if shared == "ON" else ["-g"]
+    names = [
+        line.split()[-1] for line in run(["nm", *flags, "--defined-only", str(library)]).splitlines() if " T " in line
+    ]
+    assert sorted(names) == [f"{prefix}{name}" for name in FUNCTIONS]
+
+
+@needs("cmake", "ninja")
+def test_cmake_says_where_headers_are_missing(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["cmake", "-G", "Ninja", "-S", str(source_folder("TrackingController")), "-B", str(tmp_path)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode != 0
+    assert "FMI2_HEADERS must be the folder with fmi2Functions.h" in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize(

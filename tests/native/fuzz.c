@@ -113,12 +113,12 @@ static void spoil_state(Subject *subject)
     size_t given = size;
     const unsigned changes = byte() % 6;
     for (unsigned k = 0; k < changes; k++) {
-        const size_t place = (size_t)word(2) % size;
-        if (byte() < 128 || place + 8 > size)
-            bytes[place] = (char)byte();
+        const size_t index = (size_t)word(2) % size;
+        if (byte() < 128 || index + 8 > size)
+            bytes[index] = (char)byte();
         else {
             const double value = real();
-            memcpy(bytes + place / 8 * 8, &value, sizeof value);
+            memcpy(bytes + index / 8 * 8, &value, sizeof value);
         }
     }
     const unsigned choice = byte();

@@ -192,7 +192,7 @@ static bool all_finite(const double values[], size_t count)
 {
     uint64_t overflow = 0; /* of the width of a double, so that compilers take several at once */
     for (size_t k = 0; k < count; k++)
-        overflow |= (uint64_t) !(fabs(values[k]) <= DBL_MAX);
+        overflow |= (uint64_t)(!(fabs(values[k]) <= DBL_MAX));
     return overflow == 0;
 }
 
