@@ -19,8 +19,8 @@ from flexbeams.scenarios.definition.schema import Scenario, find_scenario, read_
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import require_sampled
 from flexbeams.scenarios.importing.fmu import unit_description
+from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.curves import figure_curve
-from flexbeams.scenarios.results.metrics import Measurement
 from flexbeams.scenarios.runs.start_values import require_open, start_values
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.wiring import Wiring, WiringBuilder
@@ -109,7 +109,7 @@ def require_figures(scenario: Scenario, columns: list[str], open_loop: list[str]
                 curve = figure_curve(name, recording, other, figure.points, f"figure[{k}]")
             except InputError as error:
                 raise error.at(source) from None
-            if not curve.places:
+            if not curve.columns:
                 raise InputError(f"figure[{k}].points", f"must have one within {name}", figure.points, source=source)
 
 

@@ -23,9 +23,9 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
+from flexbeams.scenarios.results.checks import Measurement, Outcome, standard_metrics
 from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.formats import Format
-from flexbeams.scenarios.results.metrics import Measurement, Outcome, standard_metrics
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run, require_figures, unit_models, with_open_loop
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.failure import UnitFailure
@@ -330,14 +330,14 @@ def write_run(
         figure_plots(run.scenario, run.recording, folder, run.open_loop) if figures and run.recording.complete else []
     )
     if plots and beside:
-        beside.begin(plots)
+        beside.start(plots)
     write_results(folder, run.recording, run.summary, formats)
     if report and run.recording.complete:
         from flexbeams.scenarios.report.report import write_report
 
         write_report(run, folder)
     if plots and beside:
-        beside.finish()
+        beside.wait()
     elif plots:
         from flexbeams.scenarios.report.figures import write_figures
 

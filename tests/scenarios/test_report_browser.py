@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from flexbeams.scenarios.report.comparison import compare, write_comparison
+from flexbeams.scenarios.report.comparison import write_comparison
+from flexbeams.scenarios.results.compare import compare
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")

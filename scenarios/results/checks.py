@@ -1,4 +1,4 @@
-"""The checks of a scenario: figures measured on a recording, held against their limits."""
+"""Checks of a scenario: values measured on a recording and compared with their limits."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from flexbeams.scenarios.simulation.recording import Recording
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """A check with its measured value; limits None where it only reports."""
+    """A check with its measured value; without limits it only reports."""
 
     name: str
     value: float
@@ -25,7 +25,7 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Within the limits; a value that is not a number is not."""
+        """Within the limits; NaN fails."""
         low = -np.inf if self.minimum is None else self.minimum
         high = np.inf if self.maximum is None else self.maximum
         return bool(low <= self.value <= high)
@@ -44,7 +44,7 @@ class Outcome:
 
 
 def column_indices(columns: list[str], name: str) -> list[int]:
-    """Places of a recorded array or element among the columns."""
+    """Indices of the columns of a recorded array or element."""
     return [k for k, c in enumerate(columns) if c == name or c.startswith(f"{name}[")]
 
 
@@ -70,7 +70,7 @@ class Measurement:
         ]
 
     def value(self, check: Check, key: str) -> float:
-        """The figure of one check, in SI units, seconds or percent."""
+        """The value of one check, in SI units, seconds or percent."""
         time, y = self._window(self._recording, check, key)
         reference = self._reference(check, y, key)
         match check.measure:
@@ -113,7 +113,7 @@ class Measurement:
         return 100 * value / largest
 
     def _against_open_loop(self, check: Check, key: str, time: Array, y: Array) -> float:
-        """Decay to a share of the open loop's peak; a run without `open_loop` is its own."""
+        """Decay to a fraction of the open loop's peak; a run without `open_loop` is compared with itself."""
         open_time, open_y = self._window(self._open_loop or self._recording, check, key)
         peak = float(np.max(np.abs(open_y - open_y[0])))
         if check.measure == "open_loop_peak":
@@ -124,21 +124,23 @@ class Measurement:
         return decay_time(open_time, open_y, open_y[0], check.after, peak, check.share) / max(own, 1e-9)
 
     def _window(self, recording: Recording, check: Check, key: str) -> tuple[Array, Array]:
-        places = column_indices(recording.columns, check.of)
-        if not places:
+        columns = column_indices(recording.columns, check.of)
+        if not columns:
             known = dict.fromkeys(c.split("[")[0] for c in recording.columns)
             raise InputError(
                 f"{key}.of", "is not recorded" + suggestion(check.of, known), check.of, source=self._source
             )
         if check.points:
-            if max(check.points) > len(places):
-                raise InputError(f"{key}.points", f"must be from 1 to {len(places)}", check.points, source=self._source)
-            places = [places[p - 1] for p in check.points]
+            if max(check.points) > len(columns):
+                raise InputError(
+                    f"{key}.points", f"must be from 1 to {len(columns)}", check.points, source=self._source
+                )
+            columns = [columns[p - 1] for p in check.points]
         last = recording.time[-1] if check.before is None else check.before
         rows = (recording.time >= check.after - 1e-9) & (recording.time <= last + 1e-9)
         if not rows.any():
             raise InputError(f"{key}.after", "must leave rows of the run to look at", check.after, source=self._source)
-        return recording.time[rows], recording.values[rows][:, places]
+        return recording.time[rows], recording.values[rows][:, columns]
 
     def _reference(self, check: Check, y: Array, key: str) -> Array:
         if isinstance(check.reference, list):
@@ -153,7 +155,7 @@ class Measurement:
         return np.asarray(rows.get(check.reference, np.zeros(y.shape[1])))
 
     def _target(self, check: Check, key: str) -> Array:
-        """The target in force at the end of the window, for the points that count."""
+        """The target in force at the end of the window, for the selected points."""
         lists = [i.targets for i in self._scenario.input if i.targets]
         if not lists:
             raise InputError(f"{key}.reference", "needs an input with targets", source=self._source)
@@ -175,7 +177,7 @@ class Measurement:
 
 
 def standard_metrics(recording: Recording) -> dict[str, float]:
-    """Figures of every run: final values of the deflections, largest magnitudes of the other signals."""
+    """Metrics of every run: final deflections and the largest magnitude of each signal."""
     metrics = {}
     for k, column in enumerate(recording.columns):
         values = recording.values[:, k]
