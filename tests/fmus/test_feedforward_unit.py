@@ -153,6 +153,17 @@ def test_the_start_time_shifts_the_motion(units: BuiltUnits) -> None:
     assert_groups_close(traces[1], traces[0], 1e-9)
 
 
+def test_a_transition_ends_at_its_very_end(units: BuiltUnits) -> None:
+    """At times without rounding."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(transition_time=0.5, preview=0.0)
+        unit.advance(0.25, y_target=0.1 * TARGET)
+        assert unit.take("moving", "planned_time").tolist() == [1.0, 0.5]
+        unit.advance(0.25)
+        assert unit.take("moving")[0] == 0
+        np.testing.assert_allclose(unit.take("u_ff"), voltages_of(0.1 * TARGET), rtol=1e-12)
+
+
 def test_new_target_does_not_jump(units: BuiltUnits) -> None:
     """Around a change in mid-motion, voltages bend no more than they do without it (Remark 5)."""
     with loaded(units("FlatnessFeedforward")) as unit:
