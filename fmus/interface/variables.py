@@ -104,9 +104,9 @@ class Variable:
             self._refuse("minimum", f"<= maximum {high!r}", low)
         if self.nominal is not None and self.nominal <= 0.0:
             self._refuse("nominal", "> 0", self.nominal)
-        wanted = self.initial == "exact" or self.causality == "input"
-        if wanted != (self.start is not None):
-            self._refuse("start", "given" if wanted else f"absent for this {self.causality}", self.start)
+        required = self.initial == "exact" or self.causality == "input"
+        if required != (self.start is not None):
+            self._refuse("start", "given" if required else f"absent for this {self.causality}", self.start)
         if self.start is None:
             return
         if self.type in ("Boolean", "String"):
@@ -131,14 +131,16 @@ class Variable:
         raise InterfaceError(f"{self.name}: {what} must be {rule}, got {value!r}")
 
 
-def array(name: str, n: int, *, start: object = None, **common: Any) -> tuple[Variable, ...]:
+def array(name: str, n: int, *, start: object = None, description: str = "", **common: Any) -> tuple[Variable, ...]:
     """The n elements name[1] .. name[n]; a name that contains [] takes the index there.
 
-    `start` is one value for all elements or a sequence of n.
+    `start` is one value for all elements or a sequence of n; {} in `description` stands for the index.
     """
     pattern = name.replace("[]", "[{}]") if "[]" in name else name + "[{}]"
-    starts = _spread(name, start, n)
-    return tuple(Variable(name=pattern.format(i), start=value, **common) for i, value in enumerate(starts, start=1))
+    return tuple(
+        Variable(name=pattern.format(i), start=value, description=description.replace("{}", str(i)), **common)
+        for i, value in enumerate(_spread(name, start, n), start=1)
+    )
 
 
 def matrix(name: str, rows: int, columns: int, *, start: object = None, **common: Any) -> tuple[Variable, ...]:
@@ -162,7 +164,7 @@ def _spread(name: str, start: object, n: int) -> list[Any]:
     return list(values)
 
 
-time_variable = Variable(name="time", causality="independent", unit="s", description="Simulation time")
+TIME = Variable(name="time", causality="independent", unit="s", description="Simulation time")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +192,7 @@ class Interface:
         for name in ("step_size", "stop_time"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise InterfaceError(f"{name} must be finite and > 0, got {getattr(self, name)!r}")
-        if not self.variables or self.variables[0] != time_variable:
+        if not self.variables or self.variables[0] != TIME:
             raise InterfaceError(f"{self.unit_name}: the first variable must be time")
         object.__setattr__(self, "_references", {v.name: i for i, v in enumerate(self.variables)})
         if len(self._references) != len(self.variables):

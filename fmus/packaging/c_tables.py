@@ -10,21 +10,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface, Variable
-from flexbeams.fmus.units.kernels import Fields, Kernel, Records, Table
+from flexbeams.fmus.units.native_kernel import (
+    NATIVE,
+    Fields,
+    NativeKernel,
+    Records,
+    Table,
+    Text,
+    UnitData,
+    header_constant,
+)
 
-NAME_SIZE, TEXT_SIZE, PANEL = 48, 256, 8  # as in unit.h and linear_algebra.h
+NAME_SIZE = header_constant(NATIVE / "units" / "unit.h", "NAME_SIZE")  # characters and their end
+TEXT_SIZE = header_constant(NATIVE / "units" / "unit.h", "TEXT_SIZE")
+PANEL = header_constant(NATIVE / "numerics" / "linear_algebra.h", "PANEL")  # rows
 _TYPES = ("Real", "Integer", "Boolean", "String")
 _CAUSALITIES = ("independent", "parameter", "input", "output", "local")
 
 
-def unit_tables(
-    interface: Interface, kernel: Kernel, data: Mapping[str, ArrayLike], meta: Mapping[str, Any], guid: str
-) -> str:
+def unit_tables(interface: Interface, kernel: NativeKernel, data: UnitData, guid: str) -> str:
     """The tables of a unit with one kernel: the data of its mathematics and its variables."""
     return "\n".join(
         [
             heading(interface),
-            *kernel_data("unit_data", kernel, interface, data, meta),
+            *kernel_data("unit_data", kernel, interface, data),
             *description_tables(interface, guid, kernel.hooks, "unit_data", kernel.deferred),
         ]
     )
@@ -34,17 +43,15 @@ def heading(interface: Interface) -> str:
     """The comment on top of generated tables."""
     designs = [v.start for v in interface if v.name == "design_id"]
     lines = [f"Generated: the tables of {interface.unit_name}, included by {interface.unit_name}.c."]
-    lines += [f"Design id: {designs[0]}" if designs else "Made for the external signals of one scenario."]
+    lines += [f"Design id: {design}" for design in designs]
     lines += ["Numbers are in SI units, hexadecimal so that no digit is lost; comments repeat some as decimals."]
     return "/* " + "\n   ".join(lines) + " */\n"
 
 
-def kernel_data(
-    name: str, kernel: Kernel, interface: Interface, data: Mapping[str, ArrayLike], meta: Mapping[str, Any]
-) -> list[str]:
+def kernel_data(name: str, kernel: NativeKernel, interface: Interface, data: UnitData) -> list[str]:
     """The struct `name` of a kernel's data, behind the arrays that it points to."""
     arrays: list[str] = []
-    fields = kernel.data(interface, {key: np.asarray(values) for key, values in data.items()}, meta)
+    fields = kernel.data(interface, data)
     value = _struct(fields, f"{name.removeprefix('unit_')}_", arrays)
     lines = [f"    {entry}," for entry in value]
     return [*arrays, "\n".join([f"static const {kernel.data_type} {name} = {{", *lines, "};", ""])]
@@ -59,6 +66,8 @@ def _struct(fields: Fields, prefix: str, arrays: list[str]) -> list[str]:
         elif isinstance(value, Table | Records):
             text = prefix + key
             arrays.append(_table(text, value) if isinstance(value, Table) else _records(text, value))
+        elif isinstance(value, Text):
+            text = c_text(value.text, NAME_SIZE)
         else:
             text = value if isinstance(value, str) else _number(value)
         entries.append(f".{key} = {text}")

@@ -8,9 +8,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import ArrayLike
 
 from flexbeams.fmus.documents.build_files import build_description, cmake_lists
 from flexbeams.fmus.documents.description import content_guid, model_description
@@ -20,8 +17,8 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.c_tables import unit_tables
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
 from flexbeams.fmus.packaging.single_file import single_file
-from flexbeams.fmus.units.kernels import NATIVE
-from flexbeams.fmus.units.native_kernels import kernel_of
+from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.native_kernel import NATIVE, UnitData
 from flexbeams.plant.archive import write_whole, zip_bytes
 
 HEADERS = NATIVE / "headers"  # of FMI 2.0
@@ -30,29 +27,25 @@ _JOBS = 2  # compilations at once
 
 @dataclass(frozen=True, kw_only=True)
 class NativeUnit:
-    """What one unit is made of; data and meta are those of fmus.packaging.design_data.unit_data."""
+    """A unit to be built with the C kernel of its kind into the file `out`."""
 
+    kind: UnitKind
     interface: Interface
-    data: Mapping[str, ArrayLike]
-    meta: Mapping[str, Any] = field(default_factory=dict)
+    data: UnitData
     extra: Mapping[str, bytes] = field(default_factory=dict)  # further files: path in the archive to content
     out: Path
 
     def __post_init__(self) -> None:
-        interpolates = self.interpolates_inputs()
+        interpolates = self.kind.require_native().interpolates_inputs
         object.__setattr__(self, "interface", replace(self.interface, can_interpolate_inputs=interpolates))
-
-    def interpolates_inputs(self) -> bool:
-        """Whether inputs may grow linearly over a step."""
-        return kernel_of(self.interface.unit_name).interpolates_inputs
 
     def kernels(self) -> list[Path]:
         """The C files of its mathematics."""
-        return [kernel_of(self.interface.unit_name).source]
+        return [self.kind.require_native().source]
 
     def tables(self, guid: str) -> str:
         """The C text of what a design changes, and of the variables and the GUID."""
-        return unit_tables(self.interface, kernel_of(self.interface.unit_name), self.data, self.meta, guid)
+        return unit_tables(self.interface, self.kind.require_native(), self.data, guid)
 
     def picture(self) -> bytes:
         """model.png."""
@@ -60,7 +53,7 @@ class NativeUnit:
 
     def page(self, picture: bytes) -> str:
         """documentation/index.html."""
-        return documentation_page(self.interface, picture)
+        return documentation_page(self.interface, picture, self.kind.chapter)
 
 
 def build_native_units(

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbeams.fmus.units.kernels import NATIVE
+from flexbeams.fmus.units.native_kernel import NATIVE
 
 _FOLDERS = ("", "numerics", "units", "fmi")
 _FMI = ("fmi2.c", "fmi2_values.c", "fmi2_state.c", "fmi2_model_exchange.c")

@@ -9,7 +9,8 @@ from typing import Any
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
-from flexbeams.fmus.units.signal_source import signal_source, source_data
+from flexbeams.fmus.units.catalogue import require_kind
+from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE, source_data, source_interface
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Coupling, Scenario, find_scenario, first_comment
 from flexbeams.scenarios.definition.settings import Settings
@@ -57,10 +58,9 @@ def build_bundle(
         if declared.unit is None:
             files[instance].write_bytes(_provided_fmu(path, instance, str(declared.fmu), draft).read_bytes())
             continue
-        units.append(
-            native_unit(declared.unit, design, draft.models[instance], files[instance], draft.starts[instance])
-        )
-    source, driven = _source(path, scenario, draft, folder / "SignalSource.fmu")
+        kind = require_kind(declared.unit, f"instance.{instance}.unit")
+        units.append(native_unit(kind, design, draft.models[instance], files[instance], draft.starts[instance]))
+    source, driven = _source(path, scenario, draft, folder / f"{SIGNAL_SOURCE.name}.fmu")
     if driven:
         units.append(source)
         files[_source_name(scenario)] = source.out
@@ -119,11 +119,11 @@ def _source(path: Path, scenario: Scenario, draft: PreparedRun, out: Path) -> tu
         set(draft.wiring.links()),
     )
     try:
-        interface = signal_source(signals, draft.step, scenario.stop_time)
+        interface = source_interface(signals, draft.step, scenario.stop_time)
     except InterfaceError as error:  # inputs of third-party units whose names cannot be those of outputs
         raise InputError("input", str(error), source=str(path)) from None
-    data, meta = source_data(interface, signals)
-    return NativeUnit(interface=interface, data=data, meta=meta, out=out), driven
+    data = source_data(interface, signals)
+    return NativeUnit(kind=SIGNAL_SOURCE, interface=interface, data=data, out=out), driven
 
 
 def _links(draft: PreparedRun, driven: Mapping[str, str], source: str) -> list[Link]:

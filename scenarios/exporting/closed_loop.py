@@ -5,10 +5,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from flexbeams.fmus.errors import InterfaceError
-from flexbeams.fmus.packaging.closed_loop import ClosedLoop, Part, Wire, closed_loop_interface
-from flexbeams.fmus.packaging.design_data import unit_data
+from flexbeams.fmus.packaging.closed_loop import closed_loop_unit
 from flexbeams.fmus.packaging.native import build_native_units
-from flexbeams.fmus.units.shipped import interface_of
+from flexbeams.fmus.units.catalogue import require_kind
+from flexbeams.fmus.units.closed_loop import LoopPart, LoopWire
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario
 from flexbeams.scenarios.definition.settings import Settings
@@ -36,24 +36,26 @@ def export_closed_loop(
     scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
     parts = []
     for instance, declared in scenario.instance.items():
-        interface = interface_of(str(declared.unit), design, draft.models[instance])
-        data, meta = unit_data(interface, design, draft.models[instance])
-        parts.append(Part(name=instance, interface=interface.with_starts(draft.starts[instance]), data=data, meta=meta))
-    wires = [Wire(source=source, to=to) for to, source in draft.wiring.links().items()]
-    listed = ", ".join(f"{part.name} ({part.unit})" for part in parts)
+        kind = require_kind(str(declared.unit), f"instance.{instance}.unit")
+        interface, data = kind.contents(design, draft.models[instance])
+        parts.append(
+            LoopPart(name=instance, kind=kind, interface=interface.with_starts(draft.starts[instance]), data=data)
+        )
+    listed = ", ".join(f"{part.name} ({part.kind.name})" for part in parts)
     try:
-        interface = closed_loop_interface(
-            parts, wires, draft.step, scenario.stop_time, f"{scenario.title}: {listed} in one unit"
+        unit = closed_loop_unit(
+            parts,
+            [LoopWire(source=source, to=to) for to, source in draft.wiring.links().items()],
+            scenario.coupling,
+            step=draft.step,
+            stop_time=scenario.stop_time,
+            description=f"{scenario.title}: {listed} in one unit",
+            out=out,
         )
     except InterfaceError as error:
         raise InputError("", str(error), source=str(path)) from None
-    notify(f"building {interface.unit_name}")
-    build_native_units(
-        [ClosedLoop(interface=interface, parts=tuple(parts), wires=tuple(wires), coupling=scenario.coupling, out=out)],
-        platforms,
-        settings.compiler,
-        version=version("flexbeams"),
-    )
+    notify(f"building {unit.interface.unit_name}")
+    build_native_units([unit], platforms, settings.compiler, version=version("flexbeams"))
     return out
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.units.shipped import interface_of
+from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
@@ -160,7 +160,7 @@ def _declared(
                 unit=v.unit,
                 nominal=v.nominal,
             )
-            for v in interface_of(instance.unit, design, models[name])
+            for v in require_kind(instance.unit, f"instance.{name}.unit").declare(design, models[name])
         }
         return InstanceDeclaration(description=SimpleNamespace(modelName=instance.unit), variables=variables)
     key, file = f"instance.{name}.fmu", path.parent / str(instance.fmu)

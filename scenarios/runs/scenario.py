@@ -13,6 +13,7 @@ from fmpy import read_model_description
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.plant.archive import remove_file
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError, InputError
@@ -255,7 +256,10 @@ def unit_files(
 ) -> dict[str, Path]:
     """The FMU of every instance, in the order of the scenario; missing ones are built, with `models` where given."""
     models = models or unit_models(path, scenario, design, settings)
-    wanted = {name: (str(scenario.instance[name].unit), model) for name, model in models.items()}
+    wanted = {
+        name: (require_kind(str(scenario.instance[name].unit), f"instance.{name}.unit"), model)
+        for name, model in models.items()
+    }
     built = ensure_units(
         wanted, design, settings.build_folder, notify, backend=settings.backend, compiler=settings.compiler
     )

@@ -19,13 +19,11 @@ from fmpy.validation import validate_fmu
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging import compilers
-from flexbeams.fmus.packaging.c_tables import panels, unit_tables
+from flexbeams.fmus.packaging.c_tables import panels
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
-from flexbeams.fmus.packaging.native import HEADERS, NativeUnit, build_native_units, unit_sources
-from flexbeams.fmus.units.kernels import NATIVE
-from flexbeams.fmus.units.native_kernels import kernel_of
-from flexbeams.fmus.units.shipped import UNITS
-from tests.helpers import ROOT, STRUCTURES, Workshop, design_of
+from flexbeams.fmus.packaging.native import HEADERS, build_native_units, unit_sources
+from flexbeams.fmus.units.native_kernel import NATIVE
+from tests.helpers import ROOT, STRUCTURES, UNITS, Workshop, design_of
 from tests.native.workshop import (
     FUNCTIONS,
     HARNESSES,
@@ -391,14 +389,7 @@ def test_a_failing_compiler_is_reported_in_one_line(tmp_path: Path) -> None:
 
 def test_extra_files_go_into_the_unit(tmp_path: Path) -> None:
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    extra = NativeUnit(
-        interface=unit.interface,
-        data=unit.data,
-        meta=unit.meta,
-        out=unit.out,
-        extra={"extra/org.example/results.csv": b"time\n"},
-    )
-    build_native_units([extra])
+    build_native_units([replace(unit, extra={"extra/org.example/results.csv": b"time\n"})])
     with zipfile.ZipFile(unit.out) as archive:
         assert archive.read("extra/org.example/results.csv") == b"time\n"
 
@@ -406,10 +397,10 @@ def test_extra_files_go_into_the_unit(tmp_path: Path) -> None:
 def test_tables_hold_every_digit(tmp_path: Path) -> None:
     """The numbers in tables.c are those of the design: all of them, read back by a compiler where there is one."""
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    text = unit_tables(unit.interface, kernel_of("TrackingController"), unit.data, unit.meta, "{guid}")
+    text = unit.tables("{guid}")
     start = text.index("data_estimates[] ALIGNED = {")
     numbers = text[start : text.index("};", start)].split("{")[1].replace(",", " ").split()
-    outputs = np.hstack([unit.data["H_pi"], unit.data["D_pi"]])
+    outputs = np.hstack([design_of().arrays[name] for name in ("H_pi", "D_pi")])
     np.testing.assert_array_equal([float.fromhex(n) for n in numbers], panels(outputs))
 
 
@@ -424,14 +415,11 @@ def test_panels() -> None:
 
 def test_unknown_units_and_bad_tables_are_refused(tmp_path: Path) -> None:
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    with pytest.raises(BuildError, match="Lag: there is no native unit of this name"):
-        NativeUnit(interface=replace(unit.interface, unit_name="Lag"), data=unit.data, meta=unit.meta, out=unit.out)
-    broken = NativeUnit(
-        interface=unit.interface,
-        data={**unit.data, "feedback_gain": np.full((4, 30), np.nan)},
-        meta=unit.meta,
-        out=unit.out,
-    )
+    python_only = replace(unit.kind, name="Lag", native=None)
+    with pytest.raises(BuildError, match="Lag: there is no native unit of this kind"):
+        replace(unit, kind=python_only)
+    arrays = {**unit.data.arrays, "regulator": np.full((8, 34), np.nan)}
+    broken = replace(unit, data=replace(unit.data, arrays=arrays))
     with pytest.raises(BuildError, match="data_regulator must be finite"):
         build_native_units([broken])
 

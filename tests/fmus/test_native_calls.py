@@ -15,9 +15,8 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
-from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import Workshop, design_of
+from tests.helpers import UNITS, Workshop, design_of
 from tests.native.workshop import NATIVE_UNITS, native_folder, needs_zig
 from tests.units.loaded import loaded
 

@@ -18,9 +18,10 @@ import pytest
 from flexbeams.fmus.documents.xml_documents import SSV
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.build import build_units, native_unit
-from flexbeams.fmus.references.experiments import Experiment, experiments
+from flexbeams.fmus.references.experiments import Experiment
 from flexbeams.fmus.references.results import FOLDER, MANIFEST, NOTES, TOLERANCE, reference_results
-from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.fmus.units.catalogue import CATALOGUE, kind_named
+from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.time_table import TimeTable
@@ -28,7 +29,7 @@ from flexbeams.scenarios.importing.xml_reading import read_document, schema_prob
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import Trial, declared_experiments, read_trial, values_at
 from flexbeams.scenarios.validation.references import deviation, run_trial
-from tests.helpers import Workshop, design_of
+from tests.helpers import UNITS, Workshop, design_of
 from tests.native.workshop import native_folder, needs_zig, workspace
 from tests.oracles.monolithic import feedforward, largest_difference, plant_matrices, plant_run
 
@@ -46,15 +47,17 @@ def carried(structure: str, basis: str, unit: str) -> tuple[Interface, dict[str,
     """A unit's interface, the files that it carries, and what they are made from."""
     design = design_of(structure, basis)
     model = design.model()
-    interface = interface_of(unit, design, model)
-    return interface, reference_results(interface, design, model), experiments(unit, design, model)
+    kind = kind_named(unit)
+    assert kind is not None
+    interface, experiments = kind.declare(design, model), list(kind.experiments(design, model))
+    return interface, reference_results(interface, experiments), experiments
 
 
 @cache
 def built() -> Path:
     """The folder with the native units as `flexbeams build` makes them."""
     design = design_of()
-    build_units(UNITS, design, design.model(), workspace() / "with-references")
+    build_units(CATALOGUE, design, design.model(), workspace() / "with-references")
     return workspace() / "with-references" / "native"
 
 
@@ -277,7 +280,7 @@ def test_another_importer_reproduces_them(unit: str, tmp_path: Path) -> None:
 @needs_zig
 def test_two_builds_have_equal_bytes(tmp_path: Path) -> None:
     design = design_of()
-    for path in build_units(UNITS, design, design.model(), tmp_path):
+    for path in build_units(CATALOGUE, design, design.model(), tmp_path):
         assert path.read_bytes() == (built() / path.name).read_bytes()
         with zipfile.ZipFile(path) as archive:
             for name, content in carried("kiel", "clamped_free", path.stem)[1].items():
@@ -286,8 +289,8 @@ def test_two_builds_have_equal_bytes(tmp_path: Path) -> None:
 
 def test_a_unit_with_other_start_values_carries_none() -> None:
     design, out = design_of(), Path("unit.fmu")
-    assert native_unit("TrackingController", design, design.model(), out).extra.keys() >= {MANIFEST, NOTES}
-    assert native_unit("TrackingController", design, design.model(), out, {"feedback": False}).extra == {}
+    assert native_unit(TRACKING_CONTROLLER, design, design.model(), out).extra.keys() >= {MANIFEST, NOTES}
+    assert native_unit(TRACKING_CONTROLLER, design, design.model(), out, {"feedback": False}).extra == {}
 
 
 # validate

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.schema import first_comment, scenario_files
 from flexbeams.scenarios.results.files import read_results
-from tests.helpers import Workshop, command, design_of
+from tests.helpers import UNITS, Workshop, command, design_of
 
 Write = Callable[[str, str], Path]
 VERBS = ("design", "build", "run", "list", "validate")

@@ -1,4 +1,4 @@
-"""The C mathematics of a unit: where it is, and the data that it takes.
+"""The C mathematics of a unit: its source file and the data that it takes.
 
 A kernel is one C file with a table of hooks (native/units/unit.h) and, in its header, a struct for its data. The
 fields of that struct are given here as Python values; fmus.packaging.c_tables writes them as C.
@@ -6,6 +6,7 @@ fields of that struct are given here as Python values; fmus.packaging.c_tables w
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,11 +14,18 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
+from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface
 
 NATIVE = Path(__file__).parents[1] / "native"
 
-Data = Mapping[str, NDArray[Any]]
+
+@dataclass(frozen=True, kw_only=True)
+class UnitData:
+    """The numbers that a unit carries, the same for both kernels."""
+
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    meta: Mapping[str, Any] = field(default_factory=dict)  # JSON values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,19 +51,26 @@ class Records:
     comment: str
 
 
-# A field is a number, a truth value, a C expression, an array, or the fields of a struct within.
-Field = int | float | bool | str | Table | Records | Mapping[str, Any]
+@dataclass(frozen=True)
+class Text:
+    """A name for people, char[NAME_SIZE]."""
+
+    text: str
+
+
+# A field is a number, a truth value, a C expression, a name, an array, or the fields of a struct within.
+Field = int | float | bool | str | Text | Table | Records | Mapping[str, Any]
 Fields = Mapping[str, Field]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kernel:
+class NativeKernel:
     """The native mathematics of one kind of unit."""
 
     source: Path  # its C file; files that belong to headers included there come along
     data_type: str  # BeamPlantData
     hooks: str  # beam_plant_hooks
-    data: Callable[[Interface, Data, Mapping[str, Any]], Fields]  # from interface, arrays and plain values of a unit
+    data: Callable[[Interface, UnitData], Fields]
     deferred: tuple[str, ...] = ()  # arrays that are computed when they are read
     interpolates_inputs: bool = False
 
@@ -63,3 +78,11 @@ class Kernel:
 def first_references(interface: Interface, *arrays: str) -> dict[str, int]:
     """The value reference of each array's first element, by its name."""
     return {name: interface.references(name).start for name in arrays}
+
+
+def header_constant(header: Path, name: str) -> int:
+    """The whole number that a C header defines by this name; BuildError where it does not."""
+    match = re.search(rf"^#define {name} (\d+)\b", header.read_text(encoding="utf-8"), re.MULTILINE)
+    if match is None:
+        raise BuildError(f"{header.name} must define the number {name}")
+    return int(match.group(1))
