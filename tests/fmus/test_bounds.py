@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 
-from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import BuiltUnits
+from tests.helpers import UNITS, BuiltUnits
 from tests.units.loaded import Loaded, Real, loaded
 
 STEP = 2e-4
