@@ -1,4 +1,4 @@
-"""PathSim with pathsim-fmi: is told the units and connections of an SSP; each unit's step is passed on at once."""
+"""PathSim with pathsim-fmi: gets the units and connections of an SSP; each unit's outputs are transferred at once."""
 
 import gc
 import time
@@ -15,16 +15,20 @@ FAULTS = (
     NO_SSP,
     Fault(
         name="Boolean outputs",
-        what="Every output is read as Real, which units with Boolean or Integer outputs "
-        "refuse. Its map of outputs is cut down to the Real ones.",
+        description="Every output is read as Real, which units with Boolean or Integer outputs refuse.",
+        remedy="Its map of outputs is reduced to the Real ones.",
     ),
     Fault(
         name="early labels",
-        what="Units step at the beginning of a step of the simulation: what is recorded at a "
-        "time holds the values a step later. Times are shifted by a step.",
+        description="Units step at the beginning of a step of the simulation: a row holds the values one step later.",
+        remedy="Times are shifted by one step.",
     ),
     FOLDERS_LEFT,
-    Fault(name="late release", what="Units are freed by the garbage collector only. It is called after the run."),
+    Fault(
+        name="late release",
+        description="Units are freed by the garbage collector only.",
+        remedy="It is called after the run.",
+    ),
 )
 
 
@@ -53,7 +57,7 @@ def simulate(task: Task) -> Trace:
 
 
 def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int], Any]]]:
-    """The simulation, and places among the signals with the block that records them."""
+    """The simulation, and for each recording block the indices of its signals."""
     from pathsim import Connection, Simulation
     from pathsim.blocks import Scope
     from pathsim_fmi import blocks as fmu_blocks
@@ -85,7 +89,7 @@ def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int],
 
 
 def _wrapper_of_reals(wrapper: Any) -> Any:
-    """pathsim-fmi's wrapper of a unit without outputs and inputs of other types."""
+    """pathsim-fmi's wrapper of a unit, restricted to Real inputs and outputs."""
 
     class RealWrapper(wrapper):  # type: ignore[misc]
         def _build_variable_maps(self) -> None:
@@ -102,7 +106,7 @@ MASTER = Master(
     distribution="pathsim-fmi",
     module="pathsim_fmi",
     coupling="gauss-seidel",
-    late=False,
+    delayed_start=False,
     faults=FAULTS,
     simulate=simulate,
 )

@@ -116,4 +116,4 @@ def test_folder_and_archive_hold_the_same(
     assert main([*arguments, str(taken)]) == 2
     assert "--out must be a folder, or FILE.zip, got" in capsys.readouterr().err
     assert main(["export", "tracking", "-o", str(tmp_path)]) == 2
-    assert "must be a file, or not be there yet" in capsys.readouterr().err
+    assert "must be a regular file or a new path" in capsys.readouterr().err
