@@ -15,6 +15,7 @@ from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable
 
 AUTHOR = "flexbeams contributors"
+TOLERANCE = 1e-6  # of the default experiment; some importers ask for one, the units have no use for it
 LOG_CATEGORIES = {
     "logStatusWarning": "Messages with status fmi2Warning",
     "logStatusDiscard": "Messages with status fmi2Discard",
@@ -56,6 +57,7 @@ def model_description(
         "DefaultExperiment",
         startTime="0.0",
         stopTime=_text(interface.stop_time),
+        tolerance=_text(TOLERANCE),
         stepSize=_text(interface.step_size),
     )
     variables = ElementTree.SubElement(root, "ModelVariables")

@@ -13,6 +13,8 @@ from flexbeams.fmus.documents.build_files import build_description, cmake_lists
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.documents.documentation import documentation_page
 from flexbeams.fmus.documents.picture import model_picture
+from flexbeams.fmus.documents.terminals import PATH as TERMINALS
+from flexbeams.fmus.documents.terminals import terminals_document
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.c_tables import unit_tables
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
@@ -125,8 +127,11 @@ def _compiled(unit: NativeUnit, sources: Mapping[str, bytes], folder: Path, targ
 
 def _documents(unit: NativeUnit) -> dict[str, bytes]:
     picture = unit.picture()
-    return {
+    documents = {
         "documentation/index.html": unit.page(picture).encode(),
         "documentation/licenses/LICENSE": (NATIVE / "LICENSE").read_bytes(),
         "model.png": picture,
     }
+    if terminals := terminals_document(unit.interface):
+        documents[TERMINALS] = terminals
+    return documents

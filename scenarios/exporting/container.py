@@ -20,6 +20,8 @@ from flexbeams.fmus.documents.closed_loop_page import loop_picture
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.documents.documentation import html_page, table
 from flexbeams.fmus.documents.picture import array_labels
+from flexbeams.fmus.documents.terminals import PATH as TERMINALS
+from flexbeams.fmus.documents.terminals import terminals_document
 from flexbeams.fmus.documents.xml_documents import xml_bytes
 from flexbeams.fmus.errors import BuildError, InterfaceError
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable
@@ -243,7 +245,8 @@ def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[s
             "<p>The units are complete FMUs with sources and documentation. State cannot be saved and restored.</p>",
         ],
     )
-    return {
+    terminals = terminals_document(interface)
+    return ({} if terminals is None else {TERMINALS: terminals}) | {
         "model.png": picture,
         "documentation/index.html": page.encode(),
         "documentation/licenses/LICENSE": ours.read_bytes(),

@@ -15,6 +15,7 @@ import pytest
 from fmpy.build import build_platform_binary
 from fmpy.model_description import read_build_description
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.errors import BuildError
@@ -119,7 +120,26 @@ def test_contents_of_a_unit(unit: str) -> None:
         "model.png",
         "modelDescription.xml",
         "sources",
+        "terminalsAndIcons",
     }
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_arrays_are_terminals(unit: str) -> None:
+    """Each array of inputs or outputs is one terminal; FMI 2.0.4 takes the schema from FMI 3.0."""
+    folder = native_folder(unit)
+    document = etree.parse(folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
+    etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd")).assertValid(
+        document
+    )
+    terminals = {t.get("name"): [m.get("variableName") for m in t] for t in document.iter("Terminal")}
+    arrays: dict[str, list[str]] = {}
+    for v in fmpy.read_model_description(str(folder)).modelVariables:
+        if v.causality in ("input", "output") and v.name.endswith("]"):
+            arrays.setdefault(v.name.partition("[")[0], []).append(v.name)
+    assert terminals == arrays
+    for terminal in document.iter("Terminal"):
+        assert [m.get("memberName") for m in terminal] == [str(k) for k in range(1, len(terminal) + 1)]
 
 
 def test_the_guid_follows_the_contents() -> None:
