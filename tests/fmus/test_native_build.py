@@ -44,6 +44,8 @@ from tests.native.workshop import (
 )
 from tests.units.loaded import loaded
 
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF")
+
 
 @needs_zig
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
@@ -181,7 +183,7 @@ def test_c_files_are_formatted() -> None:
 
 @needs_zig
 @needs("nm")
-@pytest.mark.skipif(sys.platform != "linux", reason="reads ELF")
+@on_linux
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     """All functions of FMI 2.0 and only these; no writable data; needs libc and libm of glibc 2.17."""
@@ -317,6 +319,24 @@ def test_fmpy_compiles_the_sources(unit: str, tmp_path: Path) -> None:
         with loaded(place) as one:
             ends.append(one.begin().advance(2e-4).everything())
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-14)
+
+
+@needs_zig
+@on_linux
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+@pytest.mark.parametrize("compiler", [pytest.param(name, marks=needs(name)) for name in ("gcc", "clang", "tcc")])
+def test_other_compilers_give_the_same(compiler: str, unit: str, tmp_path: Path) -> None:
+    """Small ones without optimisation too, which take no infinite constants."""
+    folder = tmp_path / unit
+    shutil.copytree(native_folder(unit), folder)
+    library = folder / "binaries" / "linux64" / f"{unit}.so"
+    flags = ["-std=c99", "-fPIC", "-shared", "-DFMI2_OVERRIDE_FUNCTION_PREFIX", f"-I{HEADERS}"]
+    run([compiler, *flags, str(folder / "sources" / f"{unit}.c"), "-o", str(library), "-lm"])
+    ends = []
+    for place in (folder, native_folder(unit)):
+        with loaded(place) as one:
+            ends.append(one.begin().advance(2e-4).everything())
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-12)
 
 
 @needs_zig
