@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from flexbeams.fmus.packaging.native import HEADERS
-from flexbeams.fmus.units.kernels import NATIVE
-from flexbeams.fmus.units.shipped import UNITS
-from tests.helpers import design_of
+from flexbeams.fmus.units.native_kernel import NATIVE
+from tests.helpers import UNITS, design_of
 from tests.native.workshop import (
     HARNESSES,
     INCLUDES,
