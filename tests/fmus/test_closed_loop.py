@@ -29,7 +29,7 @@ from flexbeams.scenarios.runs.scenario import prepare, run_scenario
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
-from tests.native.workshop import native_folder, needs_zig, workspace
+from tests.native.workshop import native_folder, workspace
 from tests.units.loaded import Loaded, loaded
 
 SAMPLE = 2e-4
@@ -67,7 +67,7 @@ to = "second.u"
 from = "second.y_pm"
 to = "controller.y_pm"
 """
-pytestmark = [needs_zig, pytest.mark.usefixtures("known_designs")]
+pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
 
 
 def settings(**changed: Any) -> Settings:

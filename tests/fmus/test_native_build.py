@@ -44,6 +44,8 @@ from tests.native.workshop import (
 )
 from tests.units.loaded import loaded
 
+pytestmark = pytest.mark.native
+
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF")
 
 

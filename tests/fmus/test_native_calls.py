@@ -17,12 +17,12 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import UNITS, Workshop, design_of
-from tests.native.workshop import NATIVE_UNITS, native_folder, needs_zig
+from tests.native.workshop import NATIVE_UNITS, native_folder
 from tests.units.loaded import loaded
 
 OK, WARNING, DISCARD, ERROR = range(4)
 SAMPLE = 2e-4
-pytestmark = needs_zig
+pytestmark = pytest.mark.native
 
 
 class Instance:

@@ -31,6 +31,8 @@ from tests.native.workshop import (
     workspace,
 )
 
+pytestmark = pytest.mark.native
+
 SANITIZE = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is for Linux")
 

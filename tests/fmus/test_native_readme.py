@@ -23,7 +23,6 @@ from tests.native.workshop import (
     native_fmus,
     native_unit,
     needs,
-    needs_zig,
     run,
     source_file,
 )
@@ -34,7 +33,7 @@ ARM = "arm-linux-musleabihf"
 on_x86_linux = pytest.mark.skipif(
     platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"
 )
-pytestmark = needs_zig
+pytestmark = pytest.mark.native
 
 
 def block(language: str) -> str:

@@ -8,11 +8,11 @@ import pytest
 
 from flexbeams.plant.basis import Array
 from tests.helpers import STRUCTURES, UNITS, Workshop, design_of
-from tests.native.workshop import native_folder, needs_zig
+from tests.native.workshop import native_folder
 from tests.units.loaded import Loaded, loaded
 
 SAMPLE = 2e-4
-pytestmark = needs_zig
+pytestmark = pytest.mark.native
 
 Excitation = Callable[[Loaded, int], None]
 

@@ -30,6 +30,8 @@ from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 
+pytestmark = pytest.mark.native
+
 STEP = 2e-4  # s, of the unit
 INPUTS = {
     "constant": Input(to="rig.constant", constant=[0.25, -3.0]),

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -47,7 +46,7 @@ STRICT = (
 )
 INCLUDES = tuple(f"-I{folder}" for folder in (NATIVE, NATIVE / "fmi", NATIVE / "numerics", NATIVE / "units", HEADERS))
 ZIG = (sys.executable, "-m", "ziglang", "cc")
-needs_zig = pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
+needs_zig = pytest.mark.native
 
 
 def needs(*tools: str) -> pytest.MarkDecorator:

@@ -470,6 +470,7 @@ OPTIONS = {
 
 
 @pytest.mark.parametrize("case", OPTIONS)
+@pytest.mark.native
 def test_option_with(case: str, refused: Refused, write_scenario: Write, capsys: pytest.CaptureFixture[str]) -> None:
     options, complaint = OPTIONS[case]
     path = write_scenario("s", LOOP)

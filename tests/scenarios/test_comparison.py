@@ -15,6 +15,8 @@ from flexbeams.scenarios.results.compare import check_table, compare, metric_tab
 from flexbeams.scenarios.results.files import read_results, write_results
 from flexbeams.scenarios.runs.scenario import Settings, run_scenario, write_run
 
+pytestmark = pytest.mark.native
+
 
 @pytest.fixture(scope="module")
 def runs(run_folder, tmp_path_factory) -> dict[str, Path]:

@@ -189,6 +189,7 @@ def test_figure_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["step_response", "tracking", "disturbance", "five_beams"])
+@pytest.mark.native
 def test_shipped_figures(at_run_folder: Path, tmp_path: Path, name: str) -> None:
     """Each figure of the paper is drawn from a short run, by the names that the scenario fixes."""
     run = run_scenario(

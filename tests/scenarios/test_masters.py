@@ -30,8 +30,7 @@ from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.recording import Recording
 
-pytest.importorskip("ziglang")
-pytestmark = pytest.mark.usefixtures("known_designs")
+pytestmark = [pytest.mark.native, pytest.mark.masters, pytest.mark.usefixtures("known_designs")]
 CYCLES = 4 * int(os.environ.get("FLEXBEAMS_CYCLES", "2"))  # 50 for the full measurement: 200 cycles
 STOPS = {"tracking": 1.2, "disturbance": 1.1, "retarget": 1.7}  # s: into the motions
 WHOLE = {"tracking": 6.0, "disturbance": 12.0, "retarget": 6.0}

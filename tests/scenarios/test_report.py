@@ -14,6 +14,8 @@ from flexbeams.scenarios.report.report import report_html
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
 from flexbeams.scenarios.simulation.recording import Recording
 
+pytestmark = pytest.mark.native
+
 
 @pytest.fixture(scope="module")
 def settings(run_folder) -> Settings:

@@ -25,6 +25,8 @@ from tests.helpers import ALLOCATOR_NOISE, CYCLES, PUSHED_SCENARIO, resident
 from tests.units.lag_interface import a, b, gain, lag_unit, x_start
 from tests.units.loaded import pushed_in_turn
 
+pytestmark = pytest.mark.native
+
 STEP = 2e-4
 
 
