@@ -19,7 +19,7 @@ _COUPLINGS = {
 }
 _CUTS = {
     "jacobi": ", so that this changes nothing but the last digits",
-    "gauss-seidel": "; what a part passes on to those behind it is then of the time of the cut",
+    "gauss-seidel": "; the values that a part passes to those after it are then those of the cut",
 }
 
 

@@ -1,7 +1,7 @@
 """modelDescription.xml of a unit, the same for every backend and deterministic.
 
-The attribute `guid` is a hash of what the unit contains: first write the description without one,
-hash it together with the kernel and its data (`content_guid`), then write it again with it.
+The attribute `guid` is a hash of the contents: write the description without a GUID, hash it
+together with the kernel and its data (`content_guid`), then write it again with the GUID.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The variables of a unit, declared once for every backend.
 
-An `Interface` is an ordered table of `Variable`; a variable's position is its FMI value reference. The
+An `Interface` is an ordered table of `Variable`; a variable's index is its FMI value reference. The
 first is always `time`: some importers take value reference 0 for it. Names follow FMI's structured
-convention with indices from 1, and the elements of an array stand next to each other, so that a
-kernel sees an array variable as one slice of its values.
+convention with indices from 1. The elements of an array are contiguous: a kernel sees an array
+variable as one slice of its values.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _LEGAL_INITIAL: dict[tuple[str, str], tuple[str | None, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variable:
-    """One scalar variable. `variability` and `initial` default to what FMI gives them."""
+    """One scalar variable. `variability` and `initial` default to those of FMI."""
 
     name: str
     type: str = "Real"
@@ -127,8 +127,8 @@ class Variable:
             self._refuse(name, "a 32-bit integer", value)
         return int(value)
 
-    def _refuse(self, what: str, rule: str, value: object) -> NoReturn:
-        raise InterfaceError(f"{self.name}: {what} must be {rule}, got {value!r}")
+    def _refuse(self, key: str, rule: str, value: object) -> NoReturn:
+        raise InterfaceError(f"{self.name}: {key} must be {rule}, got {value!r}")
 
 
 def array(name: str, n: int, *, start: object = None, description: str = "", **common: Any) -> tuple[Variable, ...]:
@@ -169,7 +169,7 @@ TIME = Variable(name="time", causality="independent", unit="s", description="Sim
 
 @dataclass(frozen=True, kw_only=True)
 class Interface:
-    """All that an importer sees of a unit. A value reference is a position in `variables`."""
+    """The declaration of a unit. A value reference is an index in `variables`."""
 
     unit_name: str  # modelName and modelIdentifier
     description: str
@@ -246,15 +246,15 @@ class Interface:
 
     def to_json(self) -> str:
         """The table as JSON; defaults and absent values are left out."""
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "variables"}
-        own["variables"] = [
+        entries = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "variables"}
+        entries["variables"] = [
             {f.name: value for f in fields(v) if (value := getattr(v, f.name)) not in (None, "", ())}
             for v in self.variables
         ]
-        return json.dumps(own, ensure_ascii=False, separators=(",", ":"))
+        return json.dumps(entries, ensure_ascii=False, separators=(",", ":"))
 
     @classmethod
     def from_json(cls, text: str) -> Interface:
-        own = json.loads(text)
-        variables: Sequence[dict[str, Any]] = own.pop("variables")
-        return cls(variables=tuple(Variable(**v) for v in variables), **own)
+        entries = json.loads(text)
+        variables: Sequence[dict[str, Any]] = entries.pop("variables")
+        return cls(variables=tuple(Variable(**v) for v in variables), **entries)

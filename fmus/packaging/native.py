@@ -1,6 +1,6 @@
 """Packs a unit's C kernel and its tables into a native unit: sources, binaries and documentation.
 
-The mathematics in fmus/native does not depend on a design: what a design changes is one generated file, the tables.
+The mathematics in fmus/native does not depend on a design; a design changes one generated file, the tables.
 """
 
 import tempfile
@@ -46,7 +46,7 @@ class NativeUnit:
         return [self.kind.require_native().source]
 
     def tables(self, guid: str) -> str:
-        """The C text of what a design changes, and of the variables and the GUID."""
+        """The C text of the numbers of the design, of the variables and of the GUID."""
         return unit_tables(self.interface, self.kind.require_native(), self.data, guid)
 
     def picture(self) -> bytes:

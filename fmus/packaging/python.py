@@ -115,7 +115,7 @@ def data_file(interface: Interface, data: UnitData) -> bytes:
 def bundled_script(kernel_file: Path) -> tuple[str, str]:
     """The kernel joined with the modules of this project it builds on; also the name of its class.
 
-    These may be imported as `from <package>.<module> import <names>` at the top level only; each stands before
+    These may be imported as `from <package>.<module> import <names>` at the top level only; each precedes
     those that import it, and all share one namespace.
     """
     modules: dict[Path, str] = {}

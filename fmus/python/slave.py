@@ -5,10 +5,10 @@ pythonfmu units of a process share one interpreter.
 
 A refused call raises, because that is the only way pythonfmu 0.7.0's wrapper can tell the importer: it
 returns fmi2Fatal and logs the text. (It never returns fmi2Error; fmi2Discard, a step's False, ends FMPy's
-simulation without a word.) On the way it releases references to class, instance and log queue that
-it needs again, so `Unit._fail` hands it spare ones: the instance stays whole and can be reset. It
-reads the log queue after every call but construction, reset and free, and crashes on a line that is
-left over at free.
+simulation silently.) It also releases references to class, instance and log queue that
+it needs again, so `Unit._fail` adds spare ones: the instance stays usable and can be reset. It
+reads the log queue after every call except construction, reset and free, and crashes on a line that
+remains at free.
 """
 
 from __future__ import annotations

@@ -21,17 +21,17 @@ class Series:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A run from 0 s by equal steps, and what comes out of it.
+    """A run from 0 s by equal steps, and its results.
 
     Inputs are held over a step at their value at its beginning, those without stimuli at their start values. A row of
-    `references` is the value once the step up to its time is done, or after the initialisation.
+    `references` has the values after the step that ends at its time, the first row those after the initialisation.
     """
 
     name: str
     description: str
     step: float  # s
     steps: int
-    parameters: dict[str, float | bool] = field(default_factory=dict)  # unlike the unit's own
+    parameters: dict[str, float | bool] = field(default_factory=dict)  # different from the start values
     stimuli: Series | None = None
     references: Series
 
@@ -52,6 +52,6 @@ def digits(values: Array, count: int) -> Array:
 
 
 def jumps(names: tuple[str, ...], starts: Array, inputs: Array, end: float) -> Series:
-    """Inputs (i, n) that hold from starts (i,) s on, up to `end`."""
+    """Inputs (i, n) that hold from starts (i,) s on, until `end` (s)."""
     time = np.concatenate([starts[:1], np.repeat(starts[1:], 2), [end]])
     return Series(names=names, time=time, values=np.repeat(inputs, 2, axis=0))

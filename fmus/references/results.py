@@ -32,7 +32,7 @@ rows of one time are a jump, the second row holds from then on. Parameters are s
 The first row of the references are the values after the initialisation, the others those after the step that ends at
 their time. Not every step has a row.
 
-The values were not computed by this unit but in double precision by another method, and are printed with all digits.
+The values were computed independently of this unit, in double precision by another method, with all digits.
 Differences, relative to the largest magnitude of an array, were below 1e-10 where this was tested; {tolerance!r} is the
 tolerance given.
 """
@@ -113,7 +113,7 @@ def _experiments_file(interface: Interface, experiments: Sequence[Experiment]) -
     root = ElementTree.Element(
         "Experiments",
         name=f"Reference results of {interface.unit_name}",
-        description="Short runs to see that a tool simulates the unit as it was meant to be",
+        description="Short runs that show whether a tool simulates the unit correctly",
     )
     for e in experiments:
         element = ElementTree.SubElement(

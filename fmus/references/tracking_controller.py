@@ -48,7 +48,7 @@ def controller_response(
 ) -> Array:
     """u, y_est and saturated (0 or 1), (k, n_u + n_pi + 1), at the ticks to which y_pm, u_ff, x_ref (k, .) belong.
 
-    (42c), (44), (45) with clipped voltages; an integral that drives a voltage further out of the limit stands still.
+    (42c), (44), (45) with clipped voltages; an integral that drives a voltage further beyond the limit is held.
     """
     a, options = design.arrays, design.options
     A, B, H, D, L, K, G = (

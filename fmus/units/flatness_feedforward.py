@@ -41,7 +41,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
                 unit="m",
                 start=0.0,
                 nominal=1e-3,
-                description="Wanted deflection at point of interest {}; a change starts a transition",
+                description="Target deflection of point of interest {}; a change starts a transition",
             ),
             *array("u_ff", n_u, unit="V", nominal=limit, description="Feedforward voltage of patch pair {}", **target),
             *array("x_ref", m, unit="1", description="Reference of reduced state {}", **target),
@@ -53,7 +53,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
                 description="Reference deflection at point of interest {}",
                 **target,
             ),
-            Variable(name="moving", type="Boolean", causality="output", description="A transition is under way"),
+            Variable(name="moving", type="Boolean", causality="output", description="A transition is in progress"),
             *_last_plan(limit),
             *_parameters(options.transition_time, limit),
             design_id_variable(design),
@@ -70,7 +70,7 @@ def _last_plan(limit: float) -> Iterator[Variable]:
         name="target_refused",
         type="Boolean",
         causality="local",
-        description="The last target is out of reach within the voltage limit; the one before is held",
+        description="The last target cannot be reached within the voltage limit; the previous one is held",
     )
     yield Variable(
         name="planned_time",
@@ -83,7 +83,7 @@ def _last_plan(limit: float) -> Iterator[Variable]:
         causality="local",
         unit="V",
         nominal=limit,
-        description="Largest voltage of the last plan, of a refused one too",
+        description="Largest voltage of the last plan, also of a refused one",
     )
 
 
@@ -96,7 +96,7 @@ def _parameters(transition_time: float, limit: float) -> Iterator[Variable]:
         start=transition_time,
         minimum=1e-3,
         maximum=1e4,
-        description="Wanted duration of the next transition; stretched where the voltage limit asks for it",
+        description="Requested duration of the next transition; longer where the voltage limit requires it",
     )
     yield Variable(
         name="voltage_limit",
@@ -116,7 +116,7 @@ def _parameters(transition_time: float, limit: float) -> Iterator[Variable]:
         start=0.0,
         minimum=0.0,
         maximum=10.0,
-        description="Time by which outputs run ahead, to undo the delay up to the plant",
+        description="Time by which the outputs lead, to compensate for the delay up to the plant",
     )
 
 
@@ -244,12 +244,12 @@ A changed target starts a transition; transitions add, so that a new one may sta
 = Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})
 Derivatives of Θ are exact: they come from power series. A transition takes transition_time, or as much longer as it
 takes to keep the whole motion within voltage_limit. A target that needs more than that at rest is refused: one line in
-the log, target_refused is true, the target before is held.
+the log, target_refused is true, the previous target is held.
 """,
         timing="""
 A target set before a step starts its transition at the beginning of that step. Outputs after a step are those at its
-end plus preview, which undoes the delay between this unit and the plant. At most eight transitions are under way at
-once; a further one starts when one has ended.
+end plus preview, which compensates for the delay between this unit and the plant. At most eight transitions are in
+progress at once; a further one starts when one has ended.
 """,
         literature=PAPER,
     ),

@@ -1,7 +1,7 @@
 """The record of a kind of unit: all that the project knows of it.
 
-Builders, documents, scenarios and exports take what they need from the record, so that a new kind is one record and
-its kernels, in this project or outside it. Lists of names, and code that asks for one, do not exist.
+Builders, documents, scenarios and exports look everything up in the record, so that a new kind is one record and its
+kernels, in this project or outside it.
 """
 
 import re

@@ -32,8 +32,7 @@ class UnitData:
 class Table:
     """A constant array of numbers, `const double *` or, of uint8, `const unsigned char *`.
 
-    `comment` says what it is, its shape and its unit. `decimals` are matrices that the comment shows as decimals too,
-    by what they are.
+    `comment` gives meaning, shape and unit. `decimals` are matrices, by title, that the comment repeats as decimals.
     """
 
     values: ArrayLike
@@ -67,7 +66,7 @@ Fields = Mapping[str, Field]
 class NativeKernel:
     """The native mathematics of one kind of unit."""
 
-    source: Path  # its C file; files that belong to headers included there come along
+    source: Path  # its C file; those of the headers that it includes are added
     data_type: str  # BeamPlantData
     hooks: str  # beam_plant_hooks
     data: Callable[[Interface, UnitData], Fields]

@@ -103,7 +103,7 @@ def _parameters(design: Design) -> Iterator[Variable]:
         start=design.options.integral_gain,
         minimum=0.0,
         maximum=1.0,
-        description="k_I of (45), share of the deflection error mended each sample",
+        description="k_I of (45), fraction of the deflection error corrected in each sample",
     )
     yield Variable(
         name="voltage_limit",
@@ -113,7 +113,7 @@ def _parameters(design: Design) -> Iterator[Variable]:
         minimum=0.0,
         unit="V",
         nominal=design.options.voltage_limit,
-        description="Largest voltage magnitude put out",
+        description="Largest magnitude of the output voltages",
     )
 
 
