@@ -64,7 +64,7 @@ class BeamPlant(Unit):
         )
         self._z[:] = 0.0
         self._z[: self._count] = x if self._modal is None else self._modal.W @ x
-        self._write_outputs(self.values[0])
+        self._write_outputs(0.0)
 
     def restore(self) -> None:
         """Compute the matrices for the restored parameters."""
@@ -98,7 +98,8 @@ class BeamPlant(Unit):
         self._energy[0] = 0.5 * (x @ x)
         if self._noise_std[0] > 0:
             seed = int(self.view("noise_seed")[0])
-            tick = math.floor(time / self.meta["sample_time"] + 1e-6)
+            period = self.meta["sample_time"]
+            tick = math.floor((time + self.clock.tolerance(time, period)) / period)
             self._y_pm += self._noise_std[0] * np.array([normal_number(seed, tick, k) for k in range(len(self._y_pm))])
 
     def _build(self) -> None:

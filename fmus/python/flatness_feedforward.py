@@ -48,7 +48,7 @@ class FlatnessFeedforward(Unit):
             )
         self.view("planned_peak")[0] = peak
         self._at_rest = False
-        self._evaluate(self.values[0] + self._preview[0])
+        self._evaluate(self._preview[0])
 
     def restore(self) -> None:
         """Nothing derives from the state but whether it rests."""
@@ -79,14 +79,14 @@ class FlatnessFeedforward(Unit):
         if plan.duration == 0:
             place = "at rest" if plan.peak_at_rest > limit else "on the way"
             self.warn(
-                f"y_target at {time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, voltage_limit is "
-                f"{limit:.1f} V; the target before is held"
+                f"y_target at {self.clock.start + time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, "
+                f"voltage_limit is {limit:.1f} V; the target before is held"
             )
             return
         if plan.duration > wanted:
             self.note(
-                f"the transition at {time:.6g} s is stretched from {wanted:.4g} s to {plan.duration:.4g} s "
-                f"to stay within {limit:.1f} V"
+                f"the transition at {self.clock.start + time:.6g} s is stretched from {wanted:.4g} s to "
+                f"{plan.duration:.4g} s to stay within {limit:.1f} V"
             )
         self.view("planned_time")[0] = plan.duration
         slot = int(self._count[0])
@@ -111,7 +111,8 @@ class FlatnessFeedforward(Unit):
     def _retire(self, time: float) -> None:
         """Transitions that have ended go into the offset; the others move up, in their order."""
         k = int(self._count[0])
-        ended = time >= self._starts[:k] + self._durations[:k]
+        reached = time + self.clock.tolerance(time, self.meta["sample_time"])
+        ended = reached >= self._starts[:k] + self._durations[:k]
         if not ended.any():
             return
         self._offset += self._changes[:k][ended].sum(axis=0)

@@ -31,6 +31,7 @@ class Tables:
             array.setflags(write=False)
         self.data: Mapping[str, NDArray[Any]] = MappingProxyType(arrays)
         self.unit_name: str = interface["unit_name"]
+        self.step_size: float = interface["step_size"]  # s, the declared communication step
         self.variables: list[dict[str, Any]] = interface["variables"]
         self.values = np.zeros(len(self.variables))
         self.texts: dict[int, str] = {}

@@ -28,7 +28,6 @@ class TrackingController(Unit):
         self._estimates = self.data["estimates"]
         self._integral = self.state_array("integral", n_u)  # V
         self._tick = self.state_array("tick", 1, np.int64)  # ticks run since the start
-        self._start = self.state_array("start", 1)  # s
 
     def _side_by_side(self, **parts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The matrix that applies each part to the variable of its name among the unit's signals."""
@@ -44,12 +43,12 @@ class TrackingController(Unit):
         self._x_est[:] = self._x_ref
         self._integral[:] = 0.0
         self._tick[0] = 0
-        self._start[0] = self.values[0]
         self._write_outputs(self._u_ff)
 
     def advance(self, time: float, step: float) -> None:
-        """Every tick inside [time, time + step), with the inputs held; an integer counts them."""
-        last = (time + step - self._start[0]) / self.meta["sample_time"] - 1e-6
+        """Every tick inside [time, time + step), s since the start, with the inputs held; an integer counts them."""
+        end, tick = time + step, self.meta["sample_time"]
+        last = (end - self.clock.tolerance(end, tick)) / tick
         while self._tick[0] < last:
             self._run_tick()
             self._tick[0] += 1

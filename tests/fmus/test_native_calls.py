@@ -132,7 +132,7 @@ MISUSES: list[tuple[str, str, str, tuple[Any, ...], str]] = [
     (P, "stepping", "doStep", (0.0, 0.0), "communicationStepSize must be finite and > 0, got 0.0"),
     (P, "stepping", "doStep", (0.0, -0.1), "communicationStepSize must be finite and > 0, got -0.1"),
     (C, "stepping", "doStep", (0.0, float("inf")), "communicationStepSize must be finite and > 0, got inf"),
-    (C, "stepping", "doStep", (0.0, 1e9), "communicationStepSize must be <= 2000.0, got 1000000000.0"),
+    (C, "stepping", "doStep", (0.0, 1e9), "communicationStepSize must be <= 200.0, got 1000000000.0"),
     (F, "stepping", "doStep", (0.5, 0.1), "currentCommunicationPoint must be 0.0, the end of the last step, got 0.5"),
     (
         F,

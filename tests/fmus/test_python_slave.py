@@ -120,7 +120,7 @@ def life_cycle(folder: str) -> dict[str, Any]:
     unit = Instance(f"{folder}/lag")
     seen: dict[str, Any] = {"strings": unit.getString([reference("label"), reference("design_id")])[1]}
     seen["starts"] = unit.values([*u, *range(reference("gain[1]"), reference("trim") + 1)])
-    calls = [unit.setupExperiment(startTime=0.5, stopTime=2.0), unit.enterInitializationMode()]
+    calls = [unit.setupExperiment(startTime=0.5, stopTime=20.0), unit.enterInitializationMode()]
     calls += [
         unit.setReal([reference("gain[2]"), reference("x_start[1]")], [4.0, -0.7]),
         unit.setInteger([reference("substeps")], [3]),

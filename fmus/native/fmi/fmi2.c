@@ -1,5 +1,6 @@
 /* FMI 2.0 for co-simulation: the life of an instance, its steps and its log. */
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -8,7 +9,7 @@
 #include "instance.h"
 
 #define CACHE_LINE 64    /* bytes */
-#define LONGEST_STEP 1e7 /* sample times; a longer step would keep a sampled unit busy for minutes */
+#define LONGEST_STEP 1e6 /* sample times; a longer step would keep a sampled unit busy for seconds */
 
 /* Statuses whose lines are logged, as bits. */
 #define NOTHING 0u
@@ -25,11 +26,20 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
+/* Times of the experiment, s. */
+static void set_start(Instance *instance, double start, double stop)
+{
+    instance->now.clock = clock_from(start, stop);
+    instance->unit.start = start;
+    instance->unit.elapsed = 0.0;
+}
+
 /* Start values, zero state, just instantiated. */
 static void start_over(Instance *instance)
 {
     const UnitDescription *const description = instance->description;
     memset(&instance->now, 0, sizeof instance->now);
+    set_start(instance, 0.0, DBL_MAX);
     memset(instance->memory, 0, instance->saved_count * sizeof *instance->memory);
     for (size_t k = 0; k < description->variable_count; k++)
         instance->unit.values[k] = description->variables[k].start;
@@ -170,7 +180,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean tolerance_de
         return refuse(instance, "startTime must be finite, got %r", start);
     if (stop_defined && !(stop > start))
         return refuse(instance, "stopTime must be > startTime %r, got %r", start, stop);
-    instance->now.time = start;
+    set_start(instance, start, stop_defined ? stop : DBL_MAX);
     instance->unit.values[0] = start;
     return fmi2OK;
 }
@@ -212,6 +222,29 @@ fmi2Status fmi2Reset(fmi2Component component)
     return fmi2OK;
 }
 
+/* May a step of `step` s from `time` s be done? If not, it is refused. A step below the resolution of the host's clock
+   could not be told from one that is repeated or left out. */
+static bool check_step(Instance *instance, double time, double step)
+{
+    const Clock *const clock = &instance->now.clock;
+    const double longest = LONGEST_STEP * instance->unit.step_size;
+    const double resolution = clock_resolution(clock->time);
+    if (!(step > 0.0 && isfinite(step)))
+        refuse(instance, "communicationStepSize must be finite and > 0, got %r", step);
+    else if (step > longest)
+        refuse(instance, "communicationStepSize must be <= %r, got %r", longest, step);
+    else if (!(step > resolution))
+        refuse(instance, "communicationStepSize must be > %r, the resolution of the clock at %r s, got %r", resolution,
+               clock->time, step);
+    else if (!(fabs(time - clock->time) <= 1e-6 * step + resolution))
+        refuse(instance, "currentCommunicationPoint must be %r, the end of the last step, got %r", clock->time, time);
+    else if (clock->start + instance->unit.elapsed + step > clock->stop + 1e-3 * step + resolution)
+        refuse(instance, "communicationStepSize must end by stopTime %r, got %r from %r on", clock->stop, step, time);
+    else
+        return true;
+    return false;
+}
+
 fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean no_rollback)
 {
     (void)no_rollback;
@@ -224,23 +257,19 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step, fmi
         return refuse(instance, "fmi2DoStep is refused until fmi2Reset, the instance failed: %s", now->failure);
     if (!require(instance, STEPPING))
         return fmi2Error;
-    if (!(step > 0.0 && isfinite(step)))
-        return refuse(instance, "communicationStepSize must be finite and > 0, got %r", step);
-    if (step > LONGEST_STEP * unit->step_size)
-        return refuse(instance, "communicationStepSize must be <= %r, got %r", LONGEST_STEP * unit->step_size, step);
-    if (!(fabs(time - now->time) <= 1e-6 * step + 1e-9 * fabs(now->time)))
-        return refuse(instance, "currentCommunicationPoint must be %r, the end of the last step, got %r", now->time,
-                      time);
+    if (!check_step(instance, time, step))
+        return fmi2Error;
     const size_t count = instance->description->variable_count;
     double *const slopes = unit->values + count;
     unit->slopes = now->sloped ? slopes : NULL;
-    if (!unit->hooks->advance(unit, time, step))
+    if (!unit->hooks->advance(unit, unit->elapsed, step))
         return fmi2Error;
     if (now->sloped)
         memset(slopes, 0, count * sizeof *slopes);
     now->sloped = false;
-    now->time = time + step;
-    unit->values[0] = now->time;
+    clock_advance(&now->clock, time, step);
+    unit->elapsed = clock_elapsed(&now->clock);
+    unit->values[0] = unit->start + unit->elapsed;
     instance->incomplete = true;
     return fmi2OK;
 }
@@ -273,7 +302,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component component, const fmi2StatusKind kind,
 {
     if (component == NULL || value == NULL || kind != fmi2LastSuccessfulTime)
         return no_status(component, "fmi2GetRealStatus", kind, value);
-    *value = ((Instance *)component)->now.time;
+    *value = ((Instance *)component)->now.clock.time;
     return fmi2OK;
 }
 

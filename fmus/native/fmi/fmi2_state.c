@@ -1,8 +1,8 @@
 /* FMI 2.0: saving and restoring the state of an instance, in memory and as bytes.
 
    The bytes, little-endian on every machine: magic (8), version (4), CRC-32 of all that follows it (4), length (8),
-   digest of the unit (32), phase (8), time (8), sloped (8), failure (TEXT_SIZE), then values, slopes and state as
-   doubles (8 each). */
+   digest of the unit (32), phase (8), clock (7 times 8), sloped (8), failure (TEXT_SIZE), then values, slopes and state
+   as doubles (8 each). */
 
 #include <limits.h>
 #include <math.h>
@@ -12,12 +12,22 @@
 
 #include "instance.h"
 
-enum { VERSION = 1, CHECKED_FROM = 16, HEADER_SIZE = 80 + TEXT_SIZE };
+enum {
+    VERSION = 2,
+    CHECKED_FROM = 16,
+    DIGEST_AT = 24,
+    PHASE_AT = DIGEST_AT + DIGEST_SIZE,
+    CLOCK_AT = PHASE_AT + 8,
+    SLOPED_AT = CLOCK_AT + 8 * CLOCK_FIELDS,
+    FAILURE_AT = SLOPED_AT + 8,
+    HEADER_SIZE = FAILURE_AT + TEXT_SIZE
+};
 
 static const char state_magic[8] = {'f', 'l', 'x', 'b', 'e', 'a', 'm', 's'};
 
 typedef struct {
     char magic[8];
+    unsigned char digest[DIGEST_SIZE]; /* of the unit that it belongs to */
     Condition then;
     double contents[];
 } SavedState;
@@ -25,8 +35,13 @@ typedef struct {
 static SavedState *as_saved_state(Instance *instance, fmi2FMUstate state)
 {
     SavedState *const saved = state;
-    if (saved != NULL && memcmp(saved->magic, state_magic, sizeof state_magic) == 0)
+    const bool is_state = saved != NULL && memcmp(saved->magic, state_magic, sizeof state_magic) == 0;
+    if (is_state && memcmp(saved->digest, instance->description->digest, DIGEST_SIZE) == 0)
         return saved;
+    if (is_state) {
+        refuse(instance, "FMU state must be of the same unit and design, got that of another");
+        return NULL;
+    }
     refuse(instance, "FMU state must be one that this unit saved, got %s", saved == NULL ? "NULL" : "something else");
     return NULL;
 }
@@ -49,6 +64,7 @@ static SavedState *state_memory(Instance *instance, fmi2FMUstate *state)
         return NULL;
     }
     memcpy(saved->magic, state_magic, sizeof state_magic);
+    memcpy(saved->digest, instance->description->digest, DIGEST_SIZE);
     *state = saved;
     return saved;
 }
@@ -77,6 +93,8 @@ fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state)
     if (saved == NULL)
         return fmi2Error;
     instance->now = saved->then;
+    instance->unit.start = instance->now.clock.start;
+    instance->unit.elapsed = clock_elapsed(&instance->now.clock);
     memcpy(instance->memory, saved->contents, instance->saved_count * sizeof *saved->contents);
     instance->stale = true;
     instance->incomplete = false;
@@ -175,24 +193,38 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fm
     memcpy(bytes, state_magic, sizeof state_magic);
     write_integer(bytes + 8, 4, VERSION);
     write_integer(bytes + 16, 8, byte_count(instance));
-    memcpy(bytes + 24, instance->description->digest, DIGEST_SIZE);
-    write_integer(bytes + 56, 8, then->phase);
-    write_real(bytes + 64, then->time);
-    write_integer(bytes + 72, 8, then->sloped);
-    memcpy(bytes + 80, then->failure, TEXT_SIZE);
+    memcpy(bytes + DIGEST_AT, instance->description->digest, DIGEST_SIZE);
+    write_integer(bytes + PHASE_AT, 8, then->phase);
+    double clock[CLOCK_FIELDS];
+    memcpy(clock, &then->clock, sizeof clock);
+    for (size_t k = 0; k < CLOCK_FIELDS; k++)
+        write_real(bytes + CLOCK_AT + 8 * k, clock[k]);
+    write_integer(bytes + SLOPED_AT, 8, then->sloped);
+    memcpy(bytes + FAILURE_AT, then->failure, TEXT_SIZE);
     for (size_t k = 0; k < instance->saved_count; k++)
         write_real(bytes + HEADER_SIZE + 8 * k, saved->contents[k]);
     write_integer(bytes + 12, 4, crc32(bytes + CHECKED_FROM, byte_count(instance) - CHECKED_FROM));
     return fmi2OK;
 }
 
+static Clock read_clock(const unsigned char *bytes)
+{
+    double fields[CLOCK_FIELDS];
+    Clock clock;
+    for (size_t k = 0; k < CLOCK_FIELDS; k++)
+        fields[k] = read_real(bytes + CLOCK_AT + 8 * k);
+    memcpy(&clock, fields, sizeof clock);
+    return clock;
+}
+
 /* Can a unit have saved these bytes? Its clock and the variable time agree, whatever could be set must be within its
    bounds, integers convert. */
 static bool is_plausible(const UnitDescription *unit, const unsigned char *bytes)
 {
-    const double time = read_real(bytes + 64);
-    bool all = read_integer(bytes + 56, 8) <= TERMINATED && isfinite(time) && time == read_real(bytes + HEADER_SIZE) &&
-               memchr(bytes + 80, '\0', TEXT_SIZE) != NULL;
+    const Clock clock = read_clock(bytes);
+    bool all = read_integer(bytes + PHASE_AT, 8) <= TERMINATED && clock_is_valid(&clock) &&
+               read_real(bytes + HEADER_SIZE) == clock.start + clock_elapsed(&clock) &&
+               memchr(bytes + FAILURE_AT, '\0', TEXT_SIZE) != NULL;
     for (size_t k = 0; k < unit->variable_count; k++) {
         const double value = read_real(bytes + HEADER_SIZE + 8 * k);
         const unsigned causality = unit->kinds[k] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
@@ -216,7 +248,7 @@ static bool is_intact(Instance *instance, const unsigned char *bytes, size_t siz
     else if (read_integer(bytes + 16, 8) != size ||
              read_integer(bytes + 12, 4) != crc32(bytes + CHECKED_FROM, size - CHECKED_FROM))
         refuse(instance, "FMU state must be complete and unchanged, got %zu damaged bytes", size);
-    else if (memcmp(bytes + 24, instance->description->digest, DIGEST_SIZE) != 0)
+    else if (memcmp(bytes + DIGEST_AT, instance->description->digest, DIGEST_SIZE) != 0)
         refuse(instance, "FMU state must be of the same unit and design, got that of another");
     else if (size != byte_count(instance) || !is_plausible(instance->description, bytes))
         refuse(instance, "FMU state must have contents that this unit can have saved");
@@ -239,10 +271,10 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte seria
     SavedState *const saved = state_memory(instance, state);
     if (saved == NULL)
         return fmi2Error;
-    saved->then.phase = (Phase)read_integer(bytes + 56, 8);
-    saved->then.time = read_real(bytes + 64);
-    saved->then.sloped = read_integer(bytes + 72, 8) != 0;
-    memcpy(saved->then.failure, bytes + 80, TEXT_SIZE);
+    saved->then.phase = (Phase)read_integer(bytes + PHASE_AT, 8);
+    saved->then.clock = read_clock(bytes);
+    saved->then.sloped = read_integer(bytes + SLOPED_AT, 8) != 0;
+    memcpy(saved->then.failure, bytes + FAILURE_AT, TEXT_SIZE);
     for (size_t k = 0; k < instance->saved_count; k++)
         saved->contents[k] = read_real(bytes + HEADER_SIZE + 8 * k);
     return fmi2OK;

@@ -3,6 +3,7 @@
 #ifndef INSTANCE_H
 #define INSTANCE_H
 
+#include "clock.h"
 #include "fmi2Functions.h"
 #include "unit.h"
 
@@ -35,7 +36,7 @@ typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
 
 typedef struct {
     Phase phase;
-    double time;             /* s */
+    Clock clock;
     bool sloped;             /* input derivatives were given for the next step */
     char failure[TEXT_SIZE]; /* why fmi2DoStep is refused; empty while all is well */
 } Condition;

@@ -250,7 +250,7 @@ static const double *transition_over(UnitInstance *unit, const PlantLayout *at, 
     return transition;
 }
 
-/* y_pi and y_pm, with the noise of the sample at `time`. */
+/* y_pi and y_pm, with the noise of the sample at `time` (s since the start). */
 static void write_plant_outputs(UnitInstance *unit, const PlantLayout *at, double time)
 {
     const BeamPlantData *const plant = unit->data;
@@ -261,12 +261,10 @@ static void write_plant_outputs(UnitInstance *unit, const PlantLayout *at, doubl
     const double deviation = unit->values[plant->strain_noise_std];
     if (!(deviation > 0.0))
         return;
-    const double tick = floor(time / unit->step_size + 1e-6);
-    if (!(fabs(tick) < 0x1p63))
-        return;
+    const double tick = floor((time + clock_tolerance(unit, time, unit->step_size)) / unit->step_size);
     const uint64_t seed = (uint64_t)unit->values[plant->noise_seed];
     for (size_t k = 0; k < plant->gauges; k++)
-        y_pm[k] += deviation * normal_number(seed, (uint64_t)(int64_t)tick, k);
+        y_pm[k] += deviation * normal_number(seed, (uint64_t)tick, k);
 }
 
 /* At rest under the given voltages: R_K' q = R_K^-1 L u. */
@@ -281,7 +279,7 @@ static bool beam_plant_initialise(UnitInstance *unit)
     memset(unit->state, 0, 2 * at.n * sizeof *unit->state);
     multiply_matrices(at.n, plant->patches, 1, L, u, unit->state);
     solve_lower(at.n, 1, unit->workspace + at.R_K, unit->state);
-    write_plant_outputs(unit, &at, unit->values[0]);
+    write_plant_outputs(unit, &at, 0.0);
     return true;
 }
 

@@ -5,16 +5,16 @@
 
 #include "closed_loop.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
-#define CLOCK_ROUNDING 1e-6 /* of the host's clock, in steps of h */
-#define DIVISIONS 0x1p+30   /* of a step of h: equal pieces are equal to the last digit whatever the clock shows */
-#define LINE_DOUBLES 8      /* of a cache line: a part's workspace begins on one where the whole's does */
+#define DIVISIONS 0x1p+30 /* of a step of h: equal pieces are equal to the last digit whatever the clock shows */
+#define LINE_DOUBLES 8    /* of a cache line: a part's workspace begins on one where the whole's does */
 
-/* State: steps of h that are done and the fraction of the next one that is done, doubles as all of the state; start
-   time s; then the state of each part. */
-enum { STEPS_DONE, FRACTION_DONE, START_TIME, PART_STATES };
+/* State: steps of h that are done and the fraction of the next one that is done, doubles as all of the state; then the
+   state of each part. */
+enum { STEPS_DONE, FRACTION_DONE, PART_STATES };
 
 typedef struct {
     UnitInstance unit; /* first, so that a pointer to it is one to the part */
@@ -76,6 +76,8 @@ static bool for_each_part(UnitInstance *whole, PartAction *action, double time, 
                      .data = description->data,
                      .variables = whole->variables + description->values,
                      .step_size = description->step_size,
+                     .start = whole->start,
+                     .elapsed = time,
                      .values = whole->values + description->values,
                      .state = state,
                      .workspace = workspace,
@@ -109,7 +111,7 @@ static bool initialise_part(Part *part, double time, double step)
 {
     (void)step;
     pass_on_to(part);
-    part->unit.values[0] = time;
+    part->unit.values[0] = part->unit.start + time;
     return part->unit.hooks->initialise(&part->unit);
 }
 
@@ -117,12 +119,10 @@ static bool initialise_part(Part *part, double time, double step)
 static bool closed_loop_initialise(UnitInstance *unit)
 {
     const ClosedLoopData *const loop = unit->data;
-    const double start = unit->values[0];
     unit->state[STEPS_DONE] = 0.0;
     unit->state[FRACTION_DONE] = 0.0;
-    unit->state[START_TIME] = start;
     for (size_t k = 0; k < loop->part_count; k++)
-        if (!for_each_part(unit, initialise_part, start, 0.0))
+        if (!for_each_part(unit, initialise_part, 0.0, 0.0))
             return false;
     pass_on(unit, 0, loop->wire_count);
     return true;
@@ -146,14 +146,8 @@ static bool advance_part(Part *part, double time, double step)
         pass_on_to(part);
     if (!part->unit.hooks->advance(&part->unit, time, step))
         return false;
-    part->unit.values[0] = time + step;
+    part->unit.values[0] = part->unit.start + (time + step);
     return true;
-}
-
-/* Time s after so many steps of h. */
-static double time_after(const UnitInstance *unit, double steps)
-{
-    return unit->state[START_TIME] + steps * unit->step_size;
 }
 
 static bool closed_loop_advance(UnitInstance *unit, double time, double step)
@@ -161,13 +155,14 @@ static bool closed_loop_advance(UnitInstance *unit, double time, double step)
     const ClosedLoopData *const loop = unit->data;
     double *const done = unit->state + STEPS_DONE;
     double *const fraction = unit->state + FRACTION_DONE;
+    const double rounding = clock_tolerance(unit, time + step, unit->step_size) / unit->step_size;
     for (;;) {
-        const double left = (time + step - unit->state[START_TIME]) / unit->step_size - *done;
-        const bool whole = left > 1 - CLOCK_ROUNDING;
-        if (!whole && left - *fraction < CLOCK_ROUNDING)
+        const double left = (time + step) / unit->step_size - *done;
+        const bool whole = left > 1 - rounding;
+        if (!whole && left - *fraction < rounding)
             return true;
         const double goal = whole ? 1.0 : floor(left * DIVISIONS + 0.5) / DIVISIONS;
-        const double begin = time_after(unit, *done + *fraction);
+        const double begin = (*done + *fraction) * unit->step_size;
         if (!for_each_part(unit, advance_part, begin, (goal - *fraction) * unit->step_size))
             return false;
         *fraction = goal;
@@ -182,18 +177,19 @@ static bool closed_loop_advance(UnitInstance *unit, double time, double step)
 static bool restore_part(Part *part, double time, double step)
 {
     (void)step;
-    part->unit.values[0] = time;
+    part->unit.values[0] = part->unit.start + time;
     return unit_restore(&part->unit);
 }
 
-/* A count far behind the clock, which no saved state has, would keep the next step busy for ever. */
+/* A count that the clock cannot have, which no saved state has, would keep the next step busy for ever. */
 static bool closed_loop_restore(UnitInstance *unit)
 {
     const double done = unit->state[STEPS_DONE];
     const double fraction = unit->state[FRACTION_DONE];
-    const double behind = (unit->values[0] - unit->state[START_TIME]) / unit->step_size - done;
-    if (fraction >= 0.0 && fraction < 1.0 && fabs(behind) <= 2.0 + 1e-9 * fabs(done))
-        return for_each_part(unit, restore_part, time_after(unit, done + fraction), 0.0);
+    const double ahead = (done + fraction) - unit->elapsed / unit->step_size;
+    const double rounding = 0.5 + 4 * DBL_EPSILON * done;
+    if (done >= 0.0 && floor(done) == done && fraction >= 0.0 && fraction < 1.0 && fabs(ahead) <= rounding)
+        return for_each_part(unit, restore_part, (done + fraction) * unit->step_size, 0.0);
     return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }
 

@@ -57,13 +57,14 @@ static size_t flatness_feedforward_workspace_size(const void *data)
 /* Transitions that have ended go into the offset; the others move up, in their order. Returns how many are left. */
 static size_t retire_transitions(UnitInstance *unit, double time)
 {
+    const double reached = time + clock_tolerance(unit, time, unit->step_size);
     const FlatnessFeedforwardData *const feedforward = unit->data;
     const Motion motion = motion_of(unit);
     const size_t voltages = feedforward->voltages;
     size_t left = 0;
     for (size_t k = 0; k < motion.count; k++) {
         const double *const change = motion.changes + k * voltages;
-        if (time >= motion.starts[k] + motion.durations[k]) {
+        if (reached >= motion.starts[k] + motion.durations[k]) {
             for (size_t j = 0; j < voltages; j++)
                 motion.offset[j] += change[j];
             continue;
@@ -156,12 +157,12 @@ static void start_transition(UnitInstance *unit, double time)
         unit_warn(
             unit,
             "y_target at %.6g s is refused: it takes %.1f V %s, voltage_limit is %.1f V; the target before is held",
-            time, plan.peak, plan.peak_at_rest > limit ? "at rest" : "on the way", limit);
+            unit->start + time, plan.peak, plan.peak_at_rest > limit ? "at rest" : "on the way", limit);
         return;
     }
     if (plan.duration > shortest)
-        unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %.1f V", time,
-                  shortest, plan.duration, limit);
+        unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %.1f V",
+                  unit->start + time, shortest, plan.duration, limit);
     values[feedforward->planned_time] = plan.duration;
     motion.durations[motion.count] = plan.duration;
     unit->state[0] += 1.0;
@@ -185,7 +186,7 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
         return unit_refuse(unit, "y_target is out of reach: it takes %.1f V at rest, voltage_limit is %.1f V", peak,
                            limit);
     values[feedforward->planned_peak] = peak;
-    write_references(unit, values[0] + values[feedforward->preview]);
+    write_references(unit, values[feedforward->preview]);
     return true;
 }
 

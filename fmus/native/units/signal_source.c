@@ -13,11 +13,13 @@
 #define EARLY 1e-9 /* s */
 #define PI 0x1.921fb54442d18p+1
 
-/* Hosts that add up steps drift from the whole multiple that they mean: the sample is taken there. */
-static double sample_time(double time, double step)
+/* The host's time for `time` s since the start: the multiple of the step that it means where it is near one. */
+static double sample_time(const UnitInstance *unit, double time)
 {
-    const double whole = floor(time / step + 0.5) * step;
-    return fabs(time - whole) <= 1e-6 * step ? whole : time;
+    const double step = unit->step_size;
+    const double host_time = unit->start + time;
+    const double whole = floor(host_time / step + 0.5) * step;
+    return fabs(host_time - whole) <= clock_tolerance(unit, time, step) ? whole : host_time;
 }
 
 /* Number of ascending times that are reached. */
@@ -129,7 +131,7 @@ static double sample(const UnitInstance *unit, const SourceSignal *signal, doubl
 static void write_signals(UnitInstance *unit, double time)
 {
     const SignalSourceData *const source = unit->data;
-    const double at = sample_time(time, unit->step_size);
+    const double at = sample_time(unit, time);
     for (size_t s = 0; s < source->signal_count; s++) {
         const SourceSignal *const signal = &source->signals[s];
         for (size_t k = 0; k < signal->outputs; k++)
@@ -167,7 +169,7 @@ static bool signal_source_initialise(UnitInstance *unit)
     for (size_t s = 0; s < source->signal_count; s++)
         if (!check_signal(unit, &source->signals[s]))
             return false;
-    write_signals(unit, unit->values[0]);
+    write_signals(unit, 0.0);
     return true;
 }
 

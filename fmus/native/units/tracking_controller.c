@@ -2,12 +2,13 @@
 
 #include "tracking_controller.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "linear_algebra.h"
 
-/* State: integral (voltages,) V; ticks run since the start, a double as all of the state; start time s. */
+/* State: integral (voltages,) V; ticks run since the start, a double as all of the state. */
 static double *integral_of(const UnitInstance *unit)
 {
     return unit->state;
@@ -19,15 +20,10 @@ static double *tick_of(const UnitInstance *unit)
     return unit->state + controller->voltages;
 }
 
-static double *start_of(const UnitInstance *unit)
-{
-    return tick_of(unit) + 1;
-}
-
 static size_t tracking_controller_state_size(const void *data)
 {
     const TrackingControllerData *const controller = data;
-    return controller->voltages + 2;
+    return controller->voltages + 1;
 }
 
 /* A vector of states, voltages and gauges, then two of voltages. */
@@ -63,7 +59,6 @@ static bool tracking_controller_initialise(UnitInstance *unit)
     memcpy(unit->values + controller->x_est, unit->values + controller->x_ref,
            controller->states * sizeof *unit->values);
     memset(unit->state, 0, tracking_controller_state_size(controller) * sizeof *unit->state);
-    *start_of(unit) = unit->values[0];
     write_commands(unit, unit->values + controller->u_ff);
     return true;
 }
@@ -132,18 +127,20 @@ static bool tracking_controller_advance(UnitInstance *unit, double time, double 
 {
     const TrackingControllerData *const controller = unit->data;
     double *const tick = tick_of(unit);
-    const double last = (time + step - *start_of(unit)) / controller->sample_time - 1e-6;
+    const double end = time + step;
+    const double last = (end - clock_tolerance(unit, end, controller->sample_time)) / controller->sample_time;
     for (; *tick < last; *tick += 1.0)
         run_tick(unit);
     return true;
 }
 
-/* A tick count far behind the clock, which no saved state has, would keep the next step busy for ever. */
+/* A tick count that the clock cannot have, which no saved state has, would keep the next step busy for ever. */
 static bool tracking_controller_restore(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
-    const double behind = (unit->values[0] - *start_of(unit)) / controller->sample_time - *tick_of(unit);
-    if (fabs(behind) <= 2.0 + 1e-9 * fabs(*tick_of(unit)))
+    const double tick = *tick_of(unit);
+    const double behind = unit->elapsed / controller->sample_time - tick;
+    if (floor(tick) == tick && fabs(behind) <= 2.0 + 4 * DBL_EPSILON * tick)
         return true;
     return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }

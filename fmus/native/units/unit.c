@@ -1,5 +1,7 @@
 #include "unit.h"
 
+#include <float.h>
+#include <math.h>
 #include <stdarg.h>
 
 #include "format_line.h"
@@ -28,6 +30,11 @@ void unit_complete(UnitInstance *unit)
 {
     if (unit->hooks->complete != NULL)
         unit->hooks->complete(unit);
+}
+
+double clock_tolerance(const UnitInstance *unit, double time, double tick)
+{
+    return fmin(1e-6 * tick + 2 * DBL_EPSILON * (fabs(unit->start) + time), tick / 4);
 }
 
 static void log_values(UnitInstance *unit, Severity severity, const char *format, va_list values)

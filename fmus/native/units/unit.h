@@ -30,6 +30,8 @@ struct UnitInstance {
     const void *data;          /* tables of the mathematics, such as a BeamPlantData */
     const Variable *variables; /* by value reference */
     double step_size;          /* s, the declared communication step */
+    double start;              /* s, the time at which the instance starts */
+    double elapsed;            /* s since then, at the end of the last step */
     double *values;            /* of each variable but strings, by value reference; the first is the time in s */
     const double *slopes;      /* d/dt of each input during the step, NULL where all are zero */
     double *state;             /* saved and restored together with the values */
@@ -49,7 +51,8 @@ struct UnitHooks {
     bool (*prepare)(UnitInstance *unit, double step);
     /* After values and state were replaced by saved ones. */
     bool (*restore)(UnitInstance *unit);
-    /* State and outputs from `time` to `time + step` (s), inputs held or, with slopes, growing linearly. */
+    /* State and outputs from `time` to `time + step` (s since the start), inputs held or, with slopes, growing
+       linearly. */
     bool (*advance)(UnitInstance *unit, double time, double step);
     /* The deferred variables, for the present state. */
     void (*complete)(UnitInstance *unit);
@@ -61,6 +64,9 @@ INTERNAL size_t unit_workspace_size(const UnitHooks *hooks, const void *data);
 INTERNAL bool unit_prepare(UnitInstance *unit, double step);
 INTERNAL bool unit_restore(UnitInstance *unit);
 INTERNAL void unit_complete(UnitInstance *unit);
+
+/* How far a time (s since the start) may be from a multiple of `tick` (s) and mean it: rounding of the host's clock. */
+INTERNAL double clock_tolerance(const UnitInstance *unit, double time, double tick);
 
 /* Lines for the log: for the mathematics. Formats as in format_line.h. */
 INTERNAL bool unit_refuse(UnitInstance *unit, const char *format, ...); /* false */
