@@ -350,7 +350,7 @@ def test_foreign_and_damaged_states_are_refused() -> None:
         alien = bytes(foreign.fmu.serializeFMUstate(foreign.fmu.getFMUstate()))
         flipped = bytearray(good)
         flipped[len(good) // 2] ^= 1
-        newer = good[:8] + b"\x02" + good[9:]
+        newer = good[:8] + b"\x03" + good[9:]
 
         def forged(place: int, content: bytes) -> bytes:
             """Other contents with a checksum that fits."""
@@ -359,12 +359,14 @@ def test_foreign_and_damaged_states_are_refused() -> None:
             changed[12:16] = struct.pack("<I", zlib.crc32(bytes(changed[16:])))
             return bytes(changed)
 
-        values = {name: 336 + 8 * one.references[name] for name in ("u[1]", "beam[1].tip_mass", "noise_seed")}
+        values = {name: 384 + 8 * one.references[name] for name in ("u[1]", "beam[1].tip_mass", "noise_seed")}
         impossible = [
             forged(56, b"\x09"),
             forged(64, struct.pack("<d", np.inf)),
             forged(64, struct.pack("<d", 1e9)),
-            forged(80, b"x" * 256),
+            forged(128, b"x" * 256),
+            forged(104, struct.pack("<d", np.nan)),
+            forged(112, struct.pack("<d", 0.5)),
             forged(values["u[1]"], struct.pack("<d", np.nan)),
             forged(values["beam[1].tip_mass"], struct.pack("<d", -1.0)),
             forged(values["noise_seed"], struct.pack("<d", 1e300)),
@@ -375,7 +377,7 @@ def test_foreign_and_damaged_states_are_refused() -> None:
             good[:-1]: f"must be complete and unchanged, got {len(good) - 1} damaged bytes",
             good[:20]: "must be one that this unit saved, got something else",
             b"junk" * 200: "must be one that this unit saved, got something else",
-            newer: "must have version 1, got 2",
+            newer: "must have version 2, got 3",
             **dict.fromkeys(impossible, "must have contents that this unit can have saved"),
         }
         for content, rule in rules.items():
@@ -388,16 +390,16 @@ def test_foreign_and_damaged_states_are_refused() -> None:
 
 
 def test_bytes_of_a_state_are_little_endian() -> None:
-    """Magic, version, checksum, length, digest, phase, time; then the values by value reference."""
+    """Magic, version, checksum, length, digest, phase, clock; then the values by value reference."""
     with instance() as one:
         one.to("stepping")
         one.fmu.setReal([one.references["u[3]"]], [123.456])
         content = bytes(one.fmu.serializeFMUstate(one.fmu.getFMUstate()))
     magic, version, crc, length = struct.unpack_from("<8sIIQ", content)
-    assert (magic, version, length) == (b"flxbeams", 1, len(content))
+    assert (magic, version, length) == (b"flxbeams", 2, len(content))
     assert crc == zlib.crc32(content[16:])
     assert struct.unpack_from("<Qd", content, 56) == (2, 0.0)
-    assert struct.unpack_from("<d", content, 336 + 8 * one.references["u[3]"]) == (123.456,)
+    assert struct.unpack_from("<d", content, 384 + 8 * one.references["u[3]"]) == (123.456,)
 
 
 def test_instances_in_threads_do_not_touch() -> None:

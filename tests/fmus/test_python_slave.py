@@ -252,7 +252,7 @@ def damaged_states(folder: str) -> tuple[list[Any], int]:
     foreign = other.fmu.serializeFMUstate(other.fmu.getFMUstate())
     flipped = bytearray(good)
     flipped[len(good) // 2] ^= 1
-    version = good[:8] + b"\2" + good[9:]
+    version = good[:8] + b"\3" + good[9:]
     seen = []
     for content in (foreign, bytes(flipped), good[:-1], good[:20], b"junk" * 99, version, good + b"\0"):
         before = unit.outputs()
@@ -271,7 +271,7 @@ def test_foreign_and_damaged_states_are_refused(folder: str, isolated: Callable[
         "damaged",
         "something else",
         "something else",
-        "version 1, got 2",
+        "version 2, got 3",
         "damaged",
     ]
     for refusal, rule in zip(refusals, rules, strict=True):
