@@ -42,7 +42,8 @@ def wiring_page(
     open_inputs = ", ".join(f"<code>{name}</code>" for name in array_labels(interface, "input")) or "none"
     wiring.append(
         f"<p>Inputs that no output feeds are inputs of the unit: {open_inputs}. The host drives them; there "
-        "are no signals inside. Variables are named after their parts.</p>"
+        "are no signals inside. Inputs and outputs have the names that they have in their parts where "
+        "these differ; other variables are called &lt;part&gt;.&lt;variable&gt;.</p>"
     )
     timing = chapter.timing.format(
         step=interface.step_size,

@@ -13,6 +13,7 @@ from flexbeams.fmus.units.closed_loop import (
     LoopWire,
     closed_loop_data,
     closed_loop_interface,
+    part_references,
 )
 
 
@@ -31,7 +32,13 @@ class ClosedLoop(NativeUnit):
     def tables(self, guid: str) -> str:
         """The C text of the parts' data, of the wires, and of the variables and the GUID."""
         kernel = self.kind.require_native()
-        deferred = {f"{part.name}.{array}" for part in self.parts for array in part.kind.require_native().deferred}
+        references = part_references(self.parts)
+        deferred = {
+            self.interface.variables[references[f"{part.name}.{v.name}"]].array
+            for part in self.parts
+            for v in part.variables
+            if v.array in part.kind.require_native().deferred
+        }
         return "\n".join(
             [
                 heading(self.interface),
@@ -71,17 +78,18 @@ def closed_loop_unit(
     stop_time: float,
     description: str,
     out: Path,
+    name: str = CLOSED_LOOP.name,
 ) -> ClosedLoop:
-    """The unit of a loop that communicates inside every `step` (s), to be built into `out`.
+    """The unit of a loop that communicates inside every `step` (s), called `name`, to be built into `out`.
 
     Raises InterfaceError for an array of inputs that is wired in part and for names that do not fit, BuildError for a
     part without a native kernel.
     """
-    interface = closed_loop_interface(parts, wires, step, stop_time, description)
+    interface = closed_loop_interface(parts, wires, step, stop_time, description, name=name)
     return ClosedLoop(
         kind=CLOSED_LOOP,
         interface=interface,
-        data=closed_loop_data(interface, parts, wires, coupling),
+        data=closed_loop_data(parts, wires, coupling),
         parts=tuple(parts),
         wires=tuple(wires),
         coupling=coupling,

@@ -19,7 +19,7 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.c_tables import unit_tables
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
 from flexbeams.fmus.packaging.single_file import single_file
-from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.kind import UnitKind, with_real_flags
 from flexbeams.fmus.units.native_kernel import NATIVE, UnitData
 from flexbeams.plant.archive import write_whole, zip_bytes
 
@@ -40,6 +40,10 @@ class NativeUnit:
     def __post_init__(self) -> None:
         interpolates = self.kind.require_native().interpolates_inputs
         object.__setattr__(self, "interface", replace(self.interface, can_interpolate_inputs=interpolates))
+
+    def with_real_flags(self) -> "NativeUnit":
+        """The unit with Boolean outputs declared as Real, and without reference results, which have them as Boolean."""
+        return replace(self, interface=with_real_flags(self.interface), extra={})
 
     def kernels(self) -> list[Path]:
         """The C files of its mathematics."""

@@ -1,7 +1,8 @@
 """BeamClosedLoop: the wired instances of a scenario as one native unit.
 
-Its variables are those of its parts, <part>.<variable>, each part's in one piece with its time first: the mathematics
-of a part works on a slice of the whole's values.
+Its variables are those of its parts, each part's in one piece with its time first: the mathematics of a part works on
+a slice of the whole's values. They are called <part>.<variable>; inputs and outputs go without their part, and so
+without a dot, where no two arrays have the same name.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -39,9 +40,15 @@ class LoopWire:
 
 
 def closed_loop_interface(
-    parts: Sequence[LoopPart], wires: Sequence[LoopWire], step: float, stop_time: float, description: str
+    parts: Sequence[LoopPart],
+    wires: Sequence[LoopWire],
+    step: float,
+    stop_time: float,
+    description: str,
+    *,
+    name: str = "BeamClosedLoop",
 ) -> Interface:
-    """The variables of a closed loop that communicates inside every `step` (s).
+    """The variables of a closed loop called `name` that communicates inside every `step` (s).
 
     Inputs that are wired become locals. Raises InterfaceError for an array of inputs that is wired in part, and for
     names that do not fit.
@@ -50,13 +57,39 @@ def closed_loop_interface(
     for part in parts:
         _check_arrays(part, wiring.sources)
     designs = [v for part in parts for v in part.interface if v.name == "design_id"]
+    variables = [wiring.outer(part, v) for part in parts for v in part.variables]
     return Interface(
-        unit_name=CLOSED_LOOP.name,
+        unit_name=name,
         description=description,
         step_size=step,
         stop_time=stop_time,
-        variables=(TIME, *[wiring.outer(part, v) for part in parts for v in part.variables], *designs[:1]),
+        variables=(TIME, *without_parts(variables), *designs[:1]),
     )
+
+
+def without_parts(variables: Sequence[Variable]) -> list[Variable]:
+    """Variables <part>.<variable>, inputs and outputs without their part where no two arrays have the same name.
+
+    Tools make nested buses and wrong names of dots.
+    """
+    arrays = dict.fromkeys(v.array for v in variables if v.causality in ("input", "output"))
+    short = {array: array.partition(".")[2] for array in arrays}
+    names = [*short.values(), TIME.name]
+    short = {array: name if names.count(name) == 1 else array for array, name in short.items()}
+    return [
+        replace(
+            v,
+            name=short[v.array] + v.name[len(v.array) :] if v.array in short else v.name,
+            initial_inputs=tuple(short[array] for array in v.initial_inputs),
+        )
+        for v in variables
+    ]
+
+
+def part_references(parts: Sequence[LoopPart]) -> dict[str, int]:
+    """Value references in the whole by <part>.<variable>."""
+    names = [f"{part.name}.{v.name}" for part in parts for v in part.variables]
+    return {name: k for k, name in enumerate(names, 1)}
 
 
 class _Wiring:
@@ -115,27 +148,25 @@ def _check_arrays(part: LoopPart, sources: Mapping[str, str]) -> None:
             )
 
 
-def closed_loop_data(
-    interface: Interface, parts: Sequence[LoopPart], wires: Sequence[LoopWire], coupling: str
-) -> UnitData:
+def closed_loop_data(parts: Sequence[LoopPart], wires: Sequence[LoopWire], coupling: str) -> UnitData:
     """The fields of LoopPart and LoopWire in C; `coupling` is jacobi or gauss-seidel.
 
     The data of part k, counted from 1, is a struct part_k.
     """
-    sources = {w.to: w.source for w in wires}
+    sources, references = {w.to: w.source for w in wires}, part_references(parts)
     runs: list[dict[str, int]] = []
     rows: list[dict[str, Any]] = []
     for number, part in enumerate(parts, 1):
         first = len(runs)
         for v in part.variables:
             if (to := f"{part.name}.{v.name}") in sources:
-                _extend(runs, first, interface.reference(sources[to]), interface.reference(to))
+                _extend(runs, first, references[sources[to]], references[to])
         rows.append(
             {
                 "hooks": f"&{part.kind.require_native().hooks}",
                 "data": f"&part_{number}",
                 "step_size": part.interface.step_size,
-                "values": interface.reference(f"{part.name}.time"),
+                "values": references[f"{part.name}.time"],
                 "first_wire": first,
                 "wire_count": len(runs) - first,
                 "name": Text(part.name),

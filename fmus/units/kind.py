@@ -6,7 +6,7 @@ kernels, in this project or outside it.
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flexbeams.controller.design import Design
@@ -80,6 +80,19 @@ class UnitKind:
         """Interface and data for a design; raises the same errors as `declare`."""
         interface = self.declare(design, model)
         return interface, self.data(interface, design, model) if self.data else UnitData()
+
+
+def with_real_flags(interface: Interface) -> Interface:
+    """The interface with Boolean outputs and locals declared as Real, 0 or 1: some hosts read all as Real."""
+    return replace(
+        interface,
+        variables=tuple(
+            replace(v, type="Real", variability="discrete", minimum=0.0, maximum=1.0)
+            if v.type == "Boolean" and v.causality in ("output", "local")
+            else v
+            for v in interface
+        ),
+    )
 
 
 def design_id_variable(design: Design) -> Variable:

@@ -19,7 +19,12 @@ KINDS = {
 }
 
 # Options of single formats
-FORMATS_OF = {"ssp_version": ("ssp",)}
+FORMATS_OF = {
+    "ssp_version": ("ssp",),
+    "parts": ("closed-loop",),
+    "with_signals": ("closed-loop",),
+    "flags_as_real": ("ssp", "ospsystem", "closed-loop"),
+}
 
 
 @click.command()
@@ -68,6 +73,18 @@ FORMATS_OF = {"ssp_version": ("ssp",)}
     type=click.Choice(["1.0", "2.0"]),
     help="For ssp: 1.0 (default), or 2.0 for tools that read nothing else (Xcos).",
 )
+@click.option(
+    "--parts",
+    callback=lambda context, parameter, text: tuple(p.strip() for p in text.split(",")) if text else (),
+    metavar="A,B",
+    help="For closed-loop: only these units of the scenario; what the others drive are inputs of the unit.",
+)
+@click.option(
+    "--with-signals",
+    is_flag=True,
+    help="For closed-loop: the scenario's signals inside. Else they are in the CSV file <FILE>_in.csv.",
+)
+@click.option("--flags-as-real", is_flag=True, help="Boolean outputs as Real, 0 or 1, for hosts that know only Real.")
 @click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s.")
 @click.option("--step", type=POSITIVE, metavar="S", help="Communication step in s.")
 def export(scenario: str, kind: str | None, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:

@@ -43,6 +43,8 @@ def build_bundle(
     settings: Settings,
     platforms: Sequence[str] = ("host",),
     notify: Callable[[str], None] = lambda text: None,
+    *,
+    flags_as_real: bool = False,
 ) -> ExportBundle:
     """Builds a scenario's units into `folder`.
 
@@ -59,11 +61,12 @@ def build_bundle(
             files[instance].write_bytes(_provided_fmu(path, instance, str(declared.fmu), draft).read_bytes())
             continue
         kind = require_kind(declared.unit, f"instance.{instance}.unit")
-        units.append(native_unit(kind, design, draft.models[instance], files[instance], draft.starts[instance]))
+        unit = native_unit(kind, design, draft.models[instance], files[instance], draft.starts[instance])
+        units.append(unit.with_real_flags() if flags_as_real else unit)
     source, driven = _source(path, scenario, draft, folder / f"{SIGNAL_SOURCE.name}.fmu")
     if driven:
         units.append(source)
-        files[_source_name(scenario)] = source.out
+        files[source_name(scenario)] = source.out
     notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
     build_native_units(units, platforms, settings.compiler, version=version("flexbeams"))
     return ExportBundle(
@@ -71,7 +74,7 @@ def build_bundle(
         description=first_comment(path) or scenario.title,
         units={n: unit_description(file, "FMU", str(path)) for n, file in files.items()},
         files=files,
-        links=_links(draft, driven, _source_name(scenario)),
+        links=_links(draft, driven, source_name(scenario)),
         stop_time=scenario.stop_time,
         step=draft.step,
         coupling=scenario.coupling,
@@ -102,7 +105,8 @@ def _file_name(scenario: Scenario, instance: str) -> str:
     return unit if unit != "FMU" and kinds.count(unit) == 1 else f"{unit}_{instance}"
 
 
-def _source_name(scenario: Scenario) -> str:
+def source_name(scenario: Scenario) -> str:
+    """The component of the external signals: a name that no instance has."""
     name = SOURCE
     while name in scenario.instance:
         name += "_"

@@ -105,16 +105,16 @@ PROFILES["BeamClosedLoop"] = Profile(
     starts={f"plant.{n}": v for n, v in PROFILES["BeamPlant"].starts.items() if "rest" not in n}
     | {"feedforward.transition_time": uniform(0.02, 0.05)},
     values={
-        "feedforward.y_target": lambda rng: 1e-3 * target(rng),
-        "plant.force": normal(0.05, 3),
+        "y_target": lambda rng: 1e-3 * target(rng),
+        "force": normal(0.05, 3),
         "controller.feedback": switch,
         "controller.integral_gain": uniform(0.0, 1e-3),
         "feedforward.voltage_limit": uniform(700.0, 1100.0),
     },
-    refused=[("plant.force[1]", np.nan), ("controller.integral_gain", 1.5), ("feedforward.transition_time", 1e-4)],
+    refused=[("force[1]", np.nan), ("controller.integral_gain", 1.5), ("feedforward.transition_time", 1e-4)],
     impossible=[{"plant.beam[2].density": 0.0}, {"plant.beam[1].tip_mass": 1e308, "plant.beam[1].density": 1e308}],
-    burst="feedforward.y_target",
-    moving="feedforward.moving",
+    burst="y_target",
+    moving="moving",
 )
 
 

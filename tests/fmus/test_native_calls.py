@@ -305,7 +305,7 @@ def test_saved_states_continue_bit_for_bit(unit: str) -> None:
         "BeamPlant": {"u": 300.0},
         "FlatnessFeedforward": {"y_target": -1e-3},
         "TrackingController": {"y_pm": 1e-4, "x_ref": 0.1},
-        "BeamClosedLoop": {"feedforward.y_target": -1e-3, "plant.force": 0.1},
+        "BeamClosedLoop": {"y_target": -1e-3, "force": 0.1},
     }[unit]
     with loaded(native_folder(unit)) as one, loaded(native_folder(unit)) as other:
         one.begin()
