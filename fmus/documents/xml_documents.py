@@ -1,4 +1,4 @@
-"""Writing XML documents, and the shared parts of those of SSP 1.0."""
+"""XML documents that are written here: their bytes, and what those of SSP 1.0 share."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree

@@ -1,1 +1,1 @@
-"""Third-party co-simulation masters, each running an exported package unchanged."""
+"""Co-simulation masters of others, each running an exported package as it is."""

@@ -1,4 +1,4 @@
-"""FMUContainer of fmu-manipulation-toolbox: makes an FMU of the SSP whose C library steps all units, then exchanges."""
+"""FMUContainer of fmu-manipulation-toolbox: makes an FMU of the SSP, whose C library steps units and then exchanges."""
 
 import logging
 import shutil
@@ -18,46 +18,44 @@ from flexbeams.scenarios.simulation.instance import UnitInstance
 FAULTS = (
     Fault(
         name="no outputs",
-        description="The container of an SSP exposes no output of its units.",
-        remedy="The outputs to record are added before the container is made.",
+        what="The container of an SSP shows no output of its units. Those to record are added to "
+        "what was read, before the container is made.",
     ),
     Fault(
-        name="components renamed",
-        description="Components are named after their files.",
-        remedy="They are identified by their order, which is the package's.",
+        name="lost names",
+        what="Components go by the names of their files. They are told apart by their order, which is the package's.",
     ),
     Fault(
-        name="duplicate names",
-        description="A connection becomes a local variable whose name may also be that of a component.",
-        remedy="Of two variables of one name the last is the output.",
+        name="names twice",
+        what="A connection is a local variable named after the file in small letters, which may "
+        "be a component's name too. Of two variables of a name the last is the output.",
     ),
     Fault(
-        name="ignores parameter sets",
-        description="Parameter sets and the step of the package are ignored.",
-        remedy="Start values are built into the units; the step is passed.",
+        name="deaf to the package",
+        what="Parameter sets and the step of the package are ignored. Start values are "
+        "the units' own anyway; the step is handed over.",
     ),
     Fault(
-        name="extracts beside the package",
-        description="The package is extracted beside itself, and its units are then looked up in the working folder.",
-        remedy="It is copied to a folder that is removed.",
+        name="units beside the package",
+        what="The package is unpacked where it lies, and its units are then looked "
+        "for in the working folder. It is copied to a folder that is removed.",
     ),
     Fault(
         name="no reason",
-        description="The reason for a refused call is lost: messages arrive as an unfilled `%s`.",
-        remedy="None; the refusal itself is reported.",
+        what="Why a unit refuses a call is lost, messages arrive as an unfilled `%s`. That it does so is noticed.",
     ),
 )
 
 
 class ContainerError(FlexbeamsError):
-    """A package cannot be converted to a container, or the container cannot be loaded."""
+    """A package cannot be made a container, or the container not be loaded."""
 
 
 def simulate(task: Task) -> Trace:
-    """Runs an SSP; recording costs one call a step."""
+    """Runs an SSP; recording takes a call a step."""
     from fmu_manipulation_toolbox import assembly  # noqa: F401  (not part of the loading)
 
-    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)  # it raises errors
+    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)  # it raises what matters
     begin = time.perf_counter()
     with private_folder() as folder, _loaded(_container(task, folder), folder / "container") as unit:
         row = np.zeros(len(task.signals))
@@ -99,7 +97,7 @@ def _container(task: Task, folder: Path) -> Path:
             assembly.root.add_output(units[component], variable, signal)
         assembly.make_fmu()
     except (AssemblyError, FMUContainerError, FMUError) as error:
-        raise ContainerError(f"{task.file.name} cannot be converted to a container: {error.reason}") from None
+        raise ContainerError(f"{task.file.name} cannot be made a container: {error.reason}") from None
     return folder / "package.fmu"
 
 
@@ -117,7 +115,7 @@ MASTER = Master(
     distribution="fmu-manipulation-toolbox",
     module="fmu_manipulation_toolbox",
     coupling="jacobi",
-    delayed_start=False,
+    late=False,
     faults=FAULTS,
     simulate=simulate,
 )

@@ -1,4 +1,4 @@
-"""Ecos by ecospy: reads the SSP itself, steps the units on threads, then transfers the values."""
+"""Ecos by ecospy: reads the SSP itself, steps units on several threads and then passes values on."""
 
 import ctypes
 import time
@@ -16,43 +16,40 @@ _TBB = "libtbb.so.12"
 FAULTS = (
     Fault(
         name="missing library",
-        description="On Linux it needs libtbb.so.12, which it does not include.",
-        remedy="The library of the wheel `tbb` is loaded first where the system has none.",
+        what="On Linux it needs libtbb.so.12, which it does not bring along. The one of the "
+        "wheel `tbb` is loaded first, where the system has none.",
     ),
     Fault(
         name="six decimals",
-        description="Its CSV files hold six decimals, four digits of a deflection.",
-        remedy="Values are read by get_real after every step.",
+        what="Its CSV files hold six decimals, four digits of a deflection. Values are read "
+        "after every step by get_real, which is exact.",
     ),
     Fault(
         name="accumulated time",
-        description="Steps are added up, so that units get times with rounding errors.",
-        remedy="Rows are counted.",
+        what="Steps are added up, so that units are told times that are off in the last "
+        "digits: 1e-12 in what the feedforward plans. Rows are counted.",
     ),
     Fault(
-        name="does not report failed calls",
-        description="A unit that refuses to be instantiated or stepped is not reported; its outputs stay as they are.",
-        remedy="The time that each unit has reached is read at the end.",
+        name="blind to refusals",
+        what="That a unit refuses to be instantiated or stepped is not noticed, its "
+        "outputs stay as they are. The time that each unit has reached is read in the end.",
     ),
     Fault(
         name="crash on loading",
-        description="A unit whose library cannot be loaded ends the process.",
-        remedy="It runs in a separate process.",
+        what="A unit whose library cannot be loaded ends the process. It runs in one of its own.",
     ),
     Fault(
         name="folders left behind",
-        description="The extracted package stays in the folder for temporary files.",
-        remedy="That folder is replaced by one that is removed.",
+        what="The extracted package stays in the folder for temporary files. It goes to one that is removed.",
     ),
     Fault(
-        name="leaked descriptions",
-        description="0.2 MB stay allocated for every package of this size that is loaded.",
-        remedy="None; resetting a simulation allocates nothing.",
+        name="kept descriptions",
+        what="0.2 MB stay allocated for every package of this size that is loaded, stepped "
+        "or not. Nothing can be done about it but to reset a simulation rather than to load it again.",
     ),
     Fault(
         name="threads",
-        description="Units are stepped on threads, which costs as much as the units' own work.",
-        remedy="Its process is pinned to one core.",
+        what="Units are stepped on threads, which costs as much as these units do. Its process keeps to one core.",
     ),
 )
 
@@ -62,7 +59,7 @@ class EcosError(FlexbeamsError):
 
 
 def simulate(task: Task) -> Trace:
-    """Runs an SSP; recording costs one call for each value and step."""
+    """Runs an SSP; recording takes a call a value and step."""
     _load_tbb()
     from ecospy import EcosSimulation
     from ecospy.lib import EcosLib
@@ -96,7 +93,7 @@ def simulate(task: Task) -> Trace:
 
 
 def _time(simulation: Any, component: str) -> float:
-    """The time that a unit has reached; the simulation's time where it has no variable for it."""
+    """The time that a unit has reached; that of the simulation where it has no variable for it."""
     try:
         return float(simulation.get_real(f"{component}::time"))
     except Exception:  # the only type that ecospy raises
@@ -109,7 +106,7 @@ def _require_end(component: str, reached: float, task: Task) -> None:
 
 
 def _load_tbb() -> None:
-    """Loads the library that ecospy needs, from the wheel `tbb` where the system has none."""
+    """Loads the library that ecospy needs, from the wheel where the system has none."""
     try:
         ctypes.CDLL(_TBB, ctypes.RTLD_GLOBAL)
     except OSError:
@@ -126,8 +123,8 @@ MASTER = Master(
     distribution="ecospy",
     module="ecospy",
     coupling="jacobi",
-    delayed_start=False,
+    late=False,
     faults=FAULTS,
     simulate=simulate,
-    leaked_bytes=250_000,
+    kept=250_000,
 )

@@ -1,4 +1,4 @@
-"""FMPy's simulate_ssp: reads the SSP itself, steps all units, then exchanges."""
+"""FMPy's simulate_ssp: reads the SSP itself, all units step and then exchange."""
 
 import time
 from typing import Any
@@ -11,23 +11,23 @@ from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_t
 FAULTS = (
     Fault(
         name="early labels",
-        description="A row holds the values after a step with the time before it; the start has no row.",
-        remedy="Times are shifted by one step.",
+        what="A row holds the values after a step and is labelled with the time before it; "
+        "there is no row of the start. Times are shifted by a step.",
     ),
     Fault(
         name="accumulated time",
-        description="Steps are added up, and one more is made where the sum falls short of the stop time.",
-        remedy="The stop time passed is half a step earlier; rows are counted.",
+        what="Steps are added up, and one more is made where the sum falls short of the "
+        "stop time. It is told to stop half a step earlier; rows are counted.",
     ),
     Fault(
         name="late start",
-        description="Nothing is transferred before the first step: constants count from the second step on.",
-        remedy="None.",
+        what="Connectors begin at 0 and pass on nothing before the first step: what is constant "
+        "from the start on counts from the second step on. Nothing can be done about it.",
     ),
     Fault(
-        name="ignores parameter sets",
-        description="Parameter sets, stop time and step of the package are ignored.",
-        remedy="Start values are built into the units; stop time and step are passed.",
+        name="deaf to the package",
+        what="Parameter sets, stop time and step of the package are ignored. Start "
+        "values are the units' own anyway; stop time and step are handed over.",
     ),
 )
 
@@ -43,7 +43,7 @@ def simulate(task: Task) -> Trace:
 
 
 def _corrected(table: Any, task: Task, seconds: float) -> Trace:
-    """The result with corrected times."""
+    """The faults in labels and number of rows taken back."""
     assert len(table) == task.steps
     return Trace(
         time=step_times(task.step, 1, task.steps),
@@ -59,7 +59,7 @@ MASTER = Master(
     distribution="fmpy",
     module="fmpy.ssp.simulation",
     coupling="jacobi",
-    delayed_start=True,
+    late=True,
     faults=FAULTS,
     simulate=simulate,
 )

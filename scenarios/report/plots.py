@@ -1,4 +1,4 @@
-"""Content of a figure, independent of the recording and of the plotting library."""
+"""What a figure shows, free of the recording it comes from and of the library that draws it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,9 +6,7 @@ from typing import Literal
 
 from flexbeams.plant.basis import Array
 
-Style = Literal[
-    "own", "below", "wide"
-]  # uppermost curve; faint curve below it; curve wider than the one that covers it
+Style = Literal["own", "below", "wide"]  # the upper curve; a faint one below it; one that shows beside a curve on it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,15 +14,15 @@ class Line:
     """One curve of a panel."""
 
     time: Array  # (rows,), s
-    values: Array  # (rows,), in the displayed unit
+    values: Array  # (rows,), in the unit shown
     label: str
-    index: int  # of the curve in the row, the same in all its panels
+    place: int  # among the curves of the row, the same in all its panels
     style: Style
 
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Overlaid curves; the last is on top."""
+    """Curves over each other; the last lies on top."""
 
     title: str
     lines: list[Line]
@@ -41,8 +39,8 @@ class PlotRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """A figure and the path of its files."""
+    """A figure and where it goes."""
 
-    stem: Path  # without .png and .svg
+    stem: Path  # its file without .png and .svg
     title: str
     rows: list[PlotRow]

@@ -15,8 +15,7 @@ from flexbeams.scenarios.bench.workbench import Workbench
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import design_of
 
-pytestmark = pytest.mark.native
-
+pytest.importorskip("ziglang")
 STEPS = 6_000  # past the start of the transition at 1 s
 
 

@@ -1,0 +1,35 @@
+/* Superposed transitions within the voltage limit: how long a new one must take (Remarks 4 and 5). */
+
+#ifndef PLANNER_H
+#define PLANNER_H
+
+#include "flatness_feedforward.h"
+
+#define SLOTS 8  /* transitions under way at once */
+
+#define plan_transition fmi2FullName(plan_transition)
+
+/* Transitions under way: u_j(t) = offset_j + sum_k steps_kj shape((t - starts_k) / durations_k), V and s.
+   There is room for one more behind the last. */
+typedef struct {
+    size_t count;
+    double *offset;     /* (voltages,) */
+    double *starts;     /* (SLOTS,) */
+    double *durations;  /* (SLOTS,) */
+    double *steps;      /* (SLOTS, voltages) */
+} motion;
+
+/* How a target is reached: duration 0 means that it is refused. */
+typedef struct {
+    double duration;  /* s */
+    double peak;      /* largest |u| of the whole motion with this duration, V */
+    double at_rest;   /* largest |u| at the target, V */
+} plan;
+
+/* The shortest transition from `now` of at least `wanted` s that keeps the whole motion within +-limit (V), or where
+   the voltages are beyond it already, since it was lowered, no further than they are. `step` (voltages,) is the change
+   of the flat output; start, duration and step stand in the motion's next slot afterwards. `scratch` (3 voltages,). */
+SHARED plan plan_transition(const motion *motion, double now, const double *step, double wanted, double limit,
+                            double *scratch);
+
+#endif

@@ -1,0 +1,20 @@
+/* The smooth transition Theta of (37): the integral of exp(-(tau (1 - tau))^-g), normalised to Theta(1) = 1. */
+
+#ifndef TRANSITION_H
+#define TRANSITION_H
+
+#include "flatness_feedforward.h"
+
+#define LOCAL_TERMS 16  /* that carry Theta from a node of its table to its neighbourhood without loss */
+
+#define transition_terms fmi2FullName(transition_terms)
+#define transition_series fmi2FullName(transition_series)
+
+/* Highest power of the series that gives the coefficients up to `degree`. */
+SHARED size_t transition_terms(size_t degree);
+
+/* Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... degree, at tau within [0, 1]. With terms = transition_terms(degree)
+   `coefficients` has room for terms + 1, `scratch` for 2 terms. */
+SHARED void transition_series(double tau, size_t degree, double *coefficients, double *scratch);
+
+#endif

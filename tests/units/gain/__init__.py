@@ -1,1 +1,0 @@
-"""A kind of unit of the tests: its record and its kernels."""
