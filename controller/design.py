@@ -23,7 +23,7 @@ from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
 from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.structure import Structure
 
-FORMAT = 1  # of the design file
+METHOD = 2  # version of the method; raised by every change that changes a design beyond rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Design:
     options: DesignOptions
     summary: dict[str, Any]  # figures for people and for --json
     arrays: dict[str, Array]  # the numbers that the units compute with, by name; see compute_design
-    design_id: str  # hash of all of the above
+    design_id: str  # see identify
 
     def model(self, basis: BasisName | None = None, order: int | None = None) -> BeamModel:
         """The plant's model: of the design's own basis, or another one of the same structure."""
@@ -73,7 +73,9 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     }
     summary = design_summary(model, system, reduced, options, arrays)
     summary["flatness_cancellation"] = cancellation
-    return identify(structure, options, summary, arrays)
+    reliable = reduced.position_coordinates.reliable and reduced.velocity_coordinates.reliable
+    design_id = identify(structure, options, None if reliable else arrays)
+    return Design(structure=structure, options=options, summary=summary, arrays=arrays, design_id=design_id)
 
 
 def _model_arrays(reduced: ReducedModel) -> dict[str, Array]:
@@ -86,6 +88,7 @@ def _control_arrays(reduced: ReducedModel, options: DesignOptions) -> dict[str, 
     weights, k = options.weights, reduced.position_states
     A_d, B_d = discretise(reduced.A, reduced.B, options.sample_time)
     sigma = reduced.hankel_position[:k], reduced.hankel_velocity[:k]
+    rotation = reduced.rotation
     Q_o = hankel_weights(
         *sigma, total=weights.kalman_q_total, position=weights.kalman_q_position, velocity=weights.kalman_q_velocity
     )
@@ -97,8 +100,8 @@ def _control_arrays(reduced: ReducedModel, options: DesignOptions) -> dict[str, 
     return {
         "A_d": A_d,
         "B_d": B_d,
-        "estimator_gain": predictor_gain(A_d, reduced.H_pm, np.diag(Q_o), R_o),
-        "feedback_gain": lqr_gain(A_d, B_d, np.diag(Q_c), R_c),
+        "estimator_gain": predictor_gain(A_d, reduced.H_pm, rotation.T @ np.diag(Q_o) @ rotation, R_o),
+        "feedback_gain": lqr_gain(A_d, B_d, rotation.T @ np.diag(Q_c) @ rotation, R_c),
     }
 
 
@@ -130,19 +133,21 @@ def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[
     return arrays, cancellation_ratio(flat, transition, options.transition_time)
 
 
-def identify(structure: Structure, options: DesignOptions, summary: dict[str, Any], arrays: dict[str, Array]) -> Design:
-    """The design with its hash, over the structure, the options and every array's bytes."""
-    digest = hashlib.sha256(meta_text(structure, options).encode())
+def identify(structure: Structure, options: DesignOptions, arrays: dict[str, Array] | None = None) -> str:
+    """The design_id: a hash of structure, options and METHOD, equal on every machine.
+
+    Designs with equal ids fit each other: their arrays agree to about 1e-9. Where the truncation separates nearly
+    equal singular values they do not, and a fingerprint of `arrays` follows the hash.
+    """
+    text = json.dumps({"method": METHOD, "structure": asdict(structure), "options": asdict(options)}, sort_keys=True)
+    name = hashlib.sha256(text.encode()).hexdigest()[:32]
+    return name if arrays is None else f"{name}-{fingerprint(arrays)[:8]}"
+
+
+def fingerprint(arrays: dict[str, Array]) -> str:
+    """Hash of every array's bytes: different where a linear algebra library rounds differently."""
+    digest = hashlib.sha256()
     for name in sorted(arrays):
         digest.update(name.encode())
         digest.update(array_bytes(arrays[name]))
-    return Design(
-        structure=structure, options=options, summary=summary, arrays=arrays, design_id=digest.hexdigest()[:32]
-    )
-
-
-def meta_text(structure: Structure, options: DesignOptions, **more: Any) -> str:
-    """Structure and options as JSON, keys sorted."""
-    return json.dumps(
-        {"format": FORMAT, "structure": asdict(structure), "options": asdict(options), **more}, sort_keys=True
-    )
+    return digest.hexdigest()

@@ -1,22 +1,44 @@
 """The file of a design: a NumPy archive of its arrays and a JSON text."""
 
+import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from flexbeams.controller.design import FORMAT, Design, identify, meta_text
+from flexbeams.controller.design import METHOD, Design, fingerprint
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.archive import npz_bytes, read_arrays, write_whole
+from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.validation import validate
 
+FORMAT = 2
+_KEYS = {"format", "method", "structure", "options", "summary", "design_id", "checksum"}
+
 
 def write_design(design: Design, path: Path) -> None:
     """Writes the design file: the arrays and the text `meta`; the same design gives the same bytes."""
-    meta = np.array(meta_text(design.structure, design.options, summary=design.summary, design_id=design.design_id))
-    write_whole(path, npz_bytes({**design.arrays, "meta": meta}))
+    meta = {
+        "format": FORMAT,
+        "method": METHOD,
+        "structure": asdict(design.structure),
+        "options": asdict(design.options),
+        "summary": design.summary,
+        "design_id": design.design_id,
+    }
+    meta["checksum"] = _checksum(meta, design.arrays)
+    text = np.array(json.dumps(meta, sort_keys=True))
+    write_whole(path, npz_bytes({**design.arrays, "meta": text}))
+
+
+def _checksum(meta: dict[str, Any], arrays: dict[str, Array]) -> str:
+    """Hash of everything in the file except the checksum itself."""
+    text = json.dumps({key: value for key, value in meta.items() if key != "checksum"}, sort_keys=True)
+    return hashlib.sha256((text + fingerprint(arrays)).encode()).hexdigest()
 
 
 def read_design(path: Path) -> Design:
@@ -24,19 +46,20 @@ def read_design(path: Path) -> Design:
     arrays, source = read_arrays(path), str(path)
     try:
         meta = json.loads(str(arrays.pop("meta")))
-        file_format, structure, options, summary, design_id = (
-            meta[key] for key in ("format", "structure", "options", "summary", "design_id")
-        )
-    except (KeyError, TypeError, json.JSONDecodeError):
-        raise InputError("", "is not a flexbeams design file", source=source) from None
-    if file_format != FORMAT:
-        raise InputError("format", f"must be {FORMAT}; make the design again", file_format, source=source)
-    design = identify(validate(Structure, structure, source), validate(DesignOptions, options, source), summary, arrays)
-    if design.design_id != design_id:
-        raise InputError(
-            "design_id",
-            f"must be {design.design_id}, the hash of the contents: the file was altered",
-            design_id,
-            source=source,
-        )
-    return design
+        complete = meta.keys() >= _KEYS
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError):
+        complete = False
+    if not complete:
+        raise InputError("", "is not a flexbeams design file", source=source)
+    for key, current in (("format", FORMAT), ("method", METHOD)):
+        if meta[key] != current:
+            raise InputError(key, f"must be {current}; make the design again", meta[key], source=source)
+    if meta["checksum"] != _checksum(meta, arrays):
+        raise InputError("checksum", "must be the hash of the contents: the file was altered", source=source)
+    return Design(
+        structure=validate(Structure, meta["structure"], source),
+        options=validate(DesignOptions, meta["options"], source),
+        summary=meta["summary"],
+        arrays=arrays,
+        design_id=meta["design_id"],
+    )

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 
+from flexbeams.controller.canonical import Coordinates, canonical_coordinates
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
@@ -35,6 +36,8 @@ class ReducedModel:
     D_w: Array  # (r STATIONS, n_u), m/V
     hankel_position: Array  # all singular values of the position blocks (25), descending
     hankel_velocity: Array  # all singular values of the velocity blocks
+    position_coordinates: Coordinates  # of the m / 2 position states
+    velocity_coordinates: Coordinates
     hankel_share: float  # part of their sum that the retained states hold, 0 ... 1
     residual: float  # of both Lyapunov equations, relative
 
@@ -42,6 +45,11 @@ class ReducedModel:
     def position_states(self) -> int:
         """Number of position states, equal to that of velocity states."""
         return int(self.A.shape[0] // 2)
+
+    @property
+    def rotation(self) -> Array:
+        """(m, m), orthogonal: balanced states of (29), whose weights are diagonal, from the states of this model."""
+        return _block_diagonal(self.position_coordinates.rotation, self.velocity_coordinates.rotation)
 
     def static_gain(self) -> tuple[Array, Array]:
         """DC gains u -> y_pi and u -> y_pm of the reduced model without its corrections."""
@@ -64,20 +72,20 @@ def reduce(
     modes: that choice does not depend on the basis. Raises DesignError where the model has fewer states, where a
     mode is not damped or where the reduced A is not Hurwitz; the message names the eigenvalue.
     """
-    A, B, positions, output_gram = _energy_coordinates(system, output_weight)
-    n = positions.shape[1]
+    form = _modal_form(system, output_weight)
+    n = form.positions.shape[1]
     if not 1 <= position_states <= n:
         raise DesignError(f"reduced_modes must keep 1 to {n} position states, got {position_states}")
-    _require_damped(A)
-    controllability, observability, residual = _gramians(A, B, output_gram)
-    right, left, sigma_p, sigma_v = _projection(controllability, observability, position_states)
-    A_r, B_r = left @ A @ right, left @ B
+    _require_damped(form.A)
+    projection = _projection(form, _all_stations(model), position_states)
+    right, left, sigma_p, sigma_v = projection.right, projection.left, projection.sigma_p, projection.sigma_v
+    A_r, B_r = left @ form.A @ right, left @ form.B
     _require_stable(A_r, position_states)
     H_pi, H_pm, H_w = (
-        np.hstack([rows @ positions, np.zeros((len(rows), n))]) @ right
+        np.hstack([rows @ form.positions, np.zeros((len(rows), n))]) @ right
         for rows in (model.deflection, model.strain, _all_stations(model))
     )
-    D_pi, D_pm, D_w = (np.zeros((len(H), B.shape[1])) for H in (H_pi, H_pm, H_w))
+    D_pi, D_pm, D_w = (np.zeros((len(H), B_r.shape[1])) for H in (H_pi, H_pm, H_w))
     if static_correction:
         rest = -np.linalg.solve(A_r, B_r)
         full = _full_static_gains(model, system)
@@ -94,8 +102,10 @@ def reduce(
         D_w=D_w,
         hankel_position=sigma_p,
         hankel_velocity=sigma_v,
+        position_coordinates=projection.position,
+        velocity_coordinates=projection.velocity,
         hankel_share=float(retained / (sigma_p.sum() + sigma_v.sum())),
-        residual=residual,
+        residual=projection.residual,
     )
 
 
@@ -125,36 +135,68 @@ def _gramians(A: Array, B: Array, output_gram: Array) -> tuple[Array, Array, flo
     return controllability, observability, residual
 
 
-def _energy_coordinates(system: SecondOrderSystem, output_weight: OutputWeight) -> tuple[Array, Array, Array, Array]:
-    """A, B for the state (Omega eta, eta') of modal coordinates, positions (n, m) with q = positions x[:m], and H'H.
+@dataclass(frozen=True, kw_only=True)
+class _ModalForm:
+    """State (Omega eta, eta') of n modal coordinates, in which the Lyapunov equations are well scaled.
 
-    Singular values and reduced model do not depend on the coordinates once H'H is carried along, and in these the
-    Lyapunov equations are well scaled: solved in (q, q') their residuals come out near 1e-3.
+    Singular values and reduced model do not depend on the coordinates once H'H is carried along. Solved for the state
+    (q, q') of the Galerkin coordinates, residuals come out near 1e-3.
     """
+
+    A: Array  # (2 n, 2 n)
+    B: Array  # (2 n, n_u)
+    positions: Array  # (coordinates, n): q = positions x[:n]
+    velocities: Array  # (coordinates, n): q' = velocities x[n:]
+    output_gram: Array  # H'H of (22), (2 n, 2 n)
+
+
+def _modal_form(system: SecondOrderSystem, output_weight: OutputWeight) -> _ModalForm:
     # 1/omega^2 as eigenvalues: the low modes, which matter, are then the accurate ones
     inverse_squares, mode_shapes = eigh(system.M, system.K)
-    count = len(inverse_squares) if output_weight == "identity" else min(ENERGY_MODES, len(inverse_squares))
-    omega = 1 / np.sqrt(inverse_squares[::-1][:count])
-    mode_shapes = mode_shapes[:, ::-1][:, :count] * omega  # mass-normalised
-    A = np.block(
-        [[np.zeros((count, count)), np.diag(omega)], [-np.diag(omega), -mode_shapes.T @ system.D @ mode_shapes]]
-    )
-    B = np.vstack([np.zeros((count, system.L.shape[1])), mode_shapes.T @ system.L])
+    n = len(inverse_squares) if output_weight == "identity" else min(ENERGY_MODES, len(inverse_squares))
+    omega = 1 / np.sqrt(inverse_squares[::-1][:n])
+    mode_shapes = mode_shapes[:, ::-1][:, :n] * omega  # mass-normalised
+    A = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -mode_shapes.T @ system.D @ mode_shapes]])
+    B = np.vstack([np.zeros((n, system.L.shape[1])), mode_shapes.T @ system.L])
     positions = mode_shapes / omega
-    output_gram = np.eye(2 * count)
+    output_gram = np.eye(2 * n)
     if output_weight == "identity":
-        output_gram[:count, :count], output_gram[count:, count:] = positions.T @ positions, mode_shapes.T @ mode_shapes
-    return A, B, positions, output_gram
+        output_gram[:n, :n], output_gram[n:, n:] = positions.T @ positions, mode_shapes.T @ mode_shapes
+    return _ModalForm(A=A, B=B, positions=positions, velocities=mode_shapes, output_gram=output_gram)
 
 
-def _projection(controllability: Array, observability: Array, states: int) -> tuple[Array, Array, Array, Array]:
-    """T = diag(T_p, T_v) (2 n, 2 states), its left inverse, and the singular values of both blocks."""
-    n = len(controllability) // 2
-    (right_p, left_p, sigma_p), (right_v, left_v, sigma_v) = (
-        _balance(controllability[block, block], observability[block, block], states)
-        for block in (slice(0, n), slice(n, 2 * n))
+@dataclass(frozen=True, kw_only=True)
+class _Projection:
+    """T = diag(T_p, T_v) in canonical coordinates."""
+
+    right: Array  # T (2 n, 2 k)
+    left: Array  # its left inverse (2 k, 2 n)
+    sigma_p: Array  # (n,), all singular values (25)
+    sigma_v: Array  # (n,)
+    position: Coordinates
+    velocity: Coordinates
+    residual: float  # of the Lyapunov equations, relative
+
+
+def _projection(form: _ModalForm, stations: Array, states: int) -> _Projection:
+    """Balances both blocks (25)-(28); deflections stations @ q, stations (l, coordinates), fix the coordinates."""
+    controllability, observability, residual = _gramians(form.A, form.B, form.output_gram)
+    n = form.positions.shape[1]
+    blocks = []
+    for block, maps in ((slice(0, n), form.positions), (slice(n, 2 * n), form.velocities)):
+        right, left, sigma = _balance(controllability[block, block], observability[block, block], states)
+        coordinates = canonical_coordinates(sigma, stations @ (maps @ right))
+        blocks.append((right @ coordinates.rotation, coordinates.rotation.T @ left, sigma, coordinates))
+    (right_p, left_p, sigma_p, position), (right_v, left_v, sigma_v, velocity) = blocks
+    return _Projection(
+        right=_block_diagonal(right_p, right_v),
+        left=_block_diagonal(left_p, left_v),
+        sigma_p=sigma_p,
+        sigma_v=sigma_v,
+        position=position,
+        velocity=velocity,
+        residual=residual,
     )
-    return _block_diagonal(right_p, right_v), _block_diagonal(left_p, left_v), sigma_p, sigma_v
 
 
 def _balance(controllability: Array, observability: Array, states: int) -> tuple[Array, Array, Array]:

@@ -42,6 +42,11 @@ def design_summary(
         "hankel_position": reduced.hankel_position.tolist(),
         "hankel_velocity": reduced.hankel_velocity.tolist(),
         "hankel_share": reduced.hankel_share,
+        "state_groups": {
+            "position": list(reduced.position_coordinates.groups),
+            "velocity": list(reduced.velocity_coordinates.groups),
+        },
+        "truncation_gap": min(reduced.position_coordinates.truncation_gap, reduced.velocity_coordinates.truncation_gap),
         "lyapunov_residual": reduced.residual,
         "reduced_eigenvalues": _spectrum(reduced.A),
         "static_gain_pi": full_pi.tolist(),

@@ -1,17 +1,24 @@
 """FMI 2.0 co-simulation units of a flexible structure and its control.
 
 The package maps to four folders of the project: `plant` (physics), `controller` (control), `fmus` (units) and
-`scenarios` (runs). Imports point down that list only.
+`scenarios` (runs). Imports point down that list only. Nothing is imported before it is used.
 """
 
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
+import os
 
-_ROOT = Path(__file__).resolve().parents[1]
-if (_ROOT / "plant" / "galerkin.py").is_file():  # a checkout: its own folders, whatever else is installed
-    __path__.append(str(_ROOT))
+_ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+if os.path.isfile(os.path.join(_ROOT, "plant", "galerkin.py")):  # a checkout: its own folders, whatever else there is
+    __path__.append(_ROOT)
 
-try:
-    __version__ = version("flexbeams")
-except PackageNotFoundError:  # a checkout on the path that is not installed
-    __version__ = "0+unknown"
+
+def __getattr__(name: str) -> str:
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        found = version("flexbeams")
+    except PackageNotFoundError:  # a checkout on the path that is not installed
+        found = "0+unknown"
+    globals()[name] = found
+    return found

@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
-from tests.helpers import STRUCTURES, Workshop, design_of, session_folder
+from tests.helpers import STRUCTURES, BuiltUnits, Workshop, design_of, session_folder
+from tests.native.workshop import native_folder, needs_zig
 
 MOST_WORKERS = 8
 
@@ -22,6 +24,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("numprocesses", None):
         for library in ("OPENBLAS", "OMP", "MKL"):  # one thread for each worker
             os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if find_spec("ziglang") is None:
+        for item in items:
+            if item.get_closest_marker("native"):
+                item.add_marker(pytest.mark.skip(reason="the ziglang wheel is not installed"))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -38,6 +47,12 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 @pytest.fixture(scope="session")
 def workshop() -> Workshop:
     return Workshop()
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_zig), "python"])
+def units(request: pytest.FixtureRequest) -> BuiltUnits:
+    """Extracted FMUs of each backend in turn."""
+    return native_folder if request.param == "native" else Workshop().folder
 
 
 @pytest.fixture(scope="session")

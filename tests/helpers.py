@@ -19,13 +19,14 @@ from filelock import FileLock
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.build import build_units
-from flexbeams.fmus.units.shipped import UNITS
+from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.masters.isolation import resident_bytes
 
 ROOT = Path(__file__).parents[1]
 SESSION = "FLEXBEAMS_TEST_SESSION"  # environment variable with the session's folder
+UNITS = tuple(kind.name for kind in CATALOGUE)
 STRUCTURES = ("single_beam", "kiel", "five_beams")
 # Cycles of loading and unloading where memory is watched; 50 for the full measurement: 200 of them
 CYCLES = int(os.environ.get("FLEXBEAMS_CYCLES", "15"))
@@ -67,6 +68,7 @@ targets = [{{ time = 0.01, value = [1e-3] }}]
 """
 )
 
+BuiltUnits = Callable[..., Path]  # unit, structure, basis: the folder that the FMU is extracted to
 Export = Callable[..., Path]
 Write = Callable[[str, str], Path]
 
@@ -118,7 +120,7 @@ class Workshop:
 
         def make(folder: Path) -> None:
             design = design_of(structure, basis)
-            build_units(UNITS, design, design.model(), folder, backend="python")
+            build_units(CATALOGUE, design, design.model(), folder, backend="python")
 
         return made_once(f"python/{structure}-{basis}", make) / "python" / f"{unit}.fmu"
 

@@ -11,6 +11,8 @@ import pytest
 
 from tests.helpers import ROOT, python_environment
 
+pytestmark = [pytest.mark.slow, pytest.mark.native]
+
 PAGES = ["README.md", "plant/README.md", "controller/README.md", "fmus/README.md", "scenarios/README.md"]
 
 

@@ -1,7 +1,7 @@
 """modelDescription.xml of a unit, the same for every backend and deterministic.
 
-The attribute `guid` is a hash of what the unit contains: first write the description without one,
-hash it together with the kernel and its data (`content_guid`), then write it again with it.
+The attribute `guid` is a hash of the contents: write the description without a GUID, hash it
+together with the kernel and its data (`content_guid`), then write it again with the GUID.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Interface, Variable
 
 AUTHOR = "flexbeams contributors"
+TOLERANCE = 1e-6  # of the default experiment; some importers ask for one, the units have no use for it
 LOG_CATEGORIES = {
     "logStatusWarning": "Messages with status fmi2Warning",
     "logStatusDiscard": "Messages with status fmi2Discard",
@@ -56,6 +57,7 @@ def model_description(
         "DefaultExperiment",
         startTime="0.0",
         stopTime=_text(interface.stop_time),
+        tolerance=_text(TOLERANCE),
         stepSize=_text(interface.step_size),
     )
     variables = ElementTree.SubElement(root, "ModelVariables")

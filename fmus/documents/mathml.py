@@ -1,4 +1,4 @@
-"""Formulas written in a line of text, as MathML."""
+"""Formulas in a line of text as MathML."""
 
 import re
 from html import escape
@@ -13,8 +13,8 @@ _DOTS = {"dot": "&#x02D9;", "ddot": "&#x00A8;"}
 def formula(text: str) -> str:
     """A formula on a line of its own.
 
-    Names, numbers and operators as they stand; _ and ^ for what is below and above the item before; braces around
-    what belongs together; dot and ddot before a name; ; between two formulas: dot x_k = A^{-1} x_k ; y = C x.
+    Names, numbers and operators are written as they are; _ and ^ precede a subscript and a superscript; braces form a
+    group; dot and ddot precede a name; ; separates two formulas: dot x_k = A^{-1} x_k ; y = C x.
     """
     return f'<math display="block">{_row(_tokens(text))}</math>'
 
@@ -24,7 +24,7 @@ def _tokens(text: str) -> list[tuple[str, str]]:
 
 
 def _row(tokens: list[tuple[str, str]]) -> str:
-    """All tokens up to the brace that closes the row, which are taken off the list."""
+    """The tokens up to the closing brace of the row; removes them from the list."""
     items = []
     while tokens and tokens[0] != ("brace", "}"):
         item = _item(tokens)

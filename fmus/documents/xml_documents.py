@@ -1,4 +1,4 @@
-"""XML documents that are written here: their bytes, and what those of SSP 1.0 share."""
+"""Writing XML documents, and the shared parts of those of SSP 1.0."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree

@@ -1,9 +1,9 @@
 """The variables of a unit, declared once for every backend.
 
-An `Interface` is an ordered table of `Variable`; a variable's position is its FMI value reference. The
+An `Interface` is an ordered table of `Variable`; a variable's index is its FMI value reference. The
 first is always `time`: some importers take value reference 0 for it. Names follow FMI's structured
-convention with indices from 1, and the elements of an array stand next to each other, so that a
-kernel sees an array variable as one slice of its values.
+convention with indices from 1. The elements of an array are contiguous: a kernel sees an array
+variable as one slice of its values.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _LEGAL_INITIAL: dict[tuple[str, str], tuple[str | None, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variable:
-    """One scalar variable. `variability` and `initial` default to what FMI gives them."""
+    """One scalar variable. `variability` and `initial` default to those of FMI."""
 
     name: str
     type: str = "Real"
@@ -104,9 +104,9 @@ class Variable:
             self._refuse("minimum", f"<= maximum {high!r}", low)
         if self.nominal is not None and self.nominal <= 0.0:
             self._refuse("nominal", "> 0", self.nominal)
-        wanted = self.initial == "exact" or self.causality == "input"
-        if wanted != (self.start is not None):
-            self._refuse("start", "given" if wanted else f"absent for this {self.causality}", self.start)
+        required = self.initial == "exact" or self.causality == "input"
+        if required != (self.start is not None):
+            self._refuse("start", "given" if required else f"absent for this {self.causality}", self.start)
         if self.start is None:
             return
         if self.type in ("Boolean", "String"):
@@ -127,18 +127,20 @@ class Variable:
             self._refuse(name, "a 32-bit integer", value)
         return int(value)
 
-    def _refuse(self, what: str, rule: str, value: object) -> NoReturn:
-        raise InterfaceError(f"{self.name}: {what} must be {rule}, got {value!r}")
+    def _refuse(self, key: str, rule: str, value: object) -> NoReturn:
+        raise InterfaceError(f"{self.name}: {key} must be {rule}, got {value!r}")
 
 
-def array(name: str, n: int, *, start: object = None, **common: Any) -> tuple[Variable, ...]:
+def array(name: str, n: int, *, start: object = None, description: str = "", **common: Any) -> tuple[Variable, ...]:
     """The n elements name[1] .. name[n]; a name that contains [] takes the index there.
 
-    `start` is one value for all elements or a sequence of n.
+    `start` is one value for all elements or a sequence of n; {} in `description` stands for the index.
     """
     pattern = name.replace("[]", "[{}]") if "[]" in name else name + "[{}]"
-    starts = _spread(name, start, n)
-    return tuple(Variable(name=pattern.format(i), start=value, **common) for i, value in enumerate(starts, start=1))
+    return tuple(
+        Variable(name=pattern.format(i), start=value, description=description.replace("{}", str(i)), **common)
+        for i, value in enumerate(_spread(name, start, n), start=1)
+    )
 
 
 def matrix(name: str, rows: int, columns: int, *, start: object = None, **common: Any) -> tuple[Variable, ...]:
@@ -162,12 +164,12 @@ def _spread(name: str, start: object, n: int) -> list[Any]:
     return list(values)
 
 
-time_variable = Variable(name="time", causality="independent", unit="s", description="Simulation time")
+TIME = Variable(name="time", causality="independent", unit="s", description="Simulation time")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interface:
-    """All that an importer sees of a unit. A value reference is a position in `variables`."""
+    """The declaration of a unit. A value reference is an index in `variables`."""
 
     unit_name: str  # modelName and modelIdentifier
     description: str
@@ -190,7 +192,7 @@ class Interface:
         for name in ("step_size", "stop_time"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise InterfaceError(f"{name} must be finite and > 0, got {getattr(self, name)!r}")
-        if not self.variables or self.variables[0] != time_variable:
+        if not self.variables or self.variables[0] != TIME:
             raise InterfaceError(f"{self.unit_name}: the first variable must be time")
         object.__setattr__(self, "_references", {v.name: i for i, v in enumerate(self.variables)})
         if len(self._references) != len(self.variables):
@@ -244,15 +246,15 @@ class Interface:
 
     def to_json(self) -> str:
         """The table as JSON; defaults and absent values are left out."""
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "variables"}
-        own["variables"] = [
+        entries = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "variables"}
+        entries["variables"] = [
             {f.name: value for f in fields(v) if (value := getattr(v, f.name)) not in (None, "", ())}
             for v in self.variables
         ]
-        return json.dumps(own, ensure_ascii=False, separators=(",", ":"))
+        return json.dumps(entries, ensure_ascii=False, separators=(",", ":"))
 
     @classmethod
     def from_json(cls, text: str) -> Interface:
-        own = json.loads(text)
-        variables: Sequence[dict[str, Any]] = own.pop("variables")
-        return cls(variables=tuple(Variable(**v) for v in variables), **own)
+        entries = json.loads(text)
+        variables: Sequence[dict[str, Any]] = entries.pop("variables")
+        return cls(variables=tuple(Variable(**v) for v in variables), **entries)

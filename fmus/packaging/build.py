@@ -7,25 +7,22 @@ from pathlib import Path
 from typing import Literal
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.packaging.design_data import unit_data
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
+from flexbeams.fmus.packaging.python import PythonUnit, build_python_units, bundled_script, data_file
+from flexbeams.fmus.packaging.single_file import single_file
 from flexbeams.fmus.references.results import reference_results
-from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.fmus.units.catalogue import CATALOGUE
+from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.galerkin import BeamModel
 
 Backend = Literal["native", "python"]
 BACKENDS: tuple[Backend, ...] = ("native", "python")
 
 _ROOT = Path(__file__).parents[2]
-_KERNELS = {
-    "BeamPlant": "beam_plant",
-    "FlatnessFeedforward": "flatness_feedforward",
-    "TrackingController": "tracking_controller",
-}
 
 
 def build_units(
-    names: Sequence[str],
+    kinds: Sequence[UnitKind],
     design: Design,
     model: BeamModel,
     folder: Path,
@@ -34,53 +31,32 @@ def build_units(
     platforms: Sequence[str] = ("host",),
     compiler: str = "zig",
 ) -> list[Path]:
-    """Builds units into folder/<backend>/<Unit>.fmu and returns the files.
+    """Builds units into folder/<backend>/<kind>.fmu and returns the files.
 
     `model` is the plant's, of the design's structure and any basis. `platforms` and `compiler` are for native units,
-    see fmus.native_backend.build_native_units. Raises BuildError where a tool is missing or fails.
+    see build_native_units. Raises BuildError where a tool is missing or fails, or a kind has no kernel of the backend.
     """
-    parts = []
-    for name in names:
-        interface = interface_of(name, design, model)
-        parts.append((interface, *unit_data(interface, design, model), folder / backend / f"{name}.fmu"))
+    files = {kind: folder / backend / f"{kind.name}.fmu" for kind in kinds}
     if backend == "native":
-        return build_native_units(
-            [
-                NativeUnit(interface=i, data=d, meta=m, extra=reference_results(i, design, model), out=out)
-                for i, d, m, out in parts
-            ],
-            platforms,
-            compiler,
-            version=version("flexbeams"),
-        )
-    from flexbeams.fmus.packaging.python import PythonUnit, build_python_units
-
-    return build_python_units(
-        [
-            PythonUnit(
-                interface=i,
-                data=d,
-                meta=m,
-                out=out,
-                kernel_file=_ROOT / "fmus" / "python" / f"{_KERNELS[i.unit_name]}.py",
-            )
-            for i, d, m, out in parts
-        ],
-        version=version("flexbeams"),
-    )
+        native = [native_unit(kind, design, model, out) for kind, out in files.items()]
+        return build_native_units(native, platforms, compiler, version=version("flexbeams"))
+    units = []
+    for kind, out in files.items():
+        interface, data = kind.contents(design, model)
+        units.append(PythonUnit(kind=kind, interface=interface, data=data, out=out))
+    return build_python_units(units, version=version("flexbeams"))
 
 
 def native_unit(
-    name: str, design: Design, model: BeamModel, out: Path, starts: Mapping[str, float | int | bool] | None = None
+    kind: UnitKind, design: Design, model: BeamModel, out: Path, starts: Mapping[str, float | int | bool] | None = None
 ) -> NativeUnit:
-    """What a native unit is made of, with start values of its own in description and kernel; to be built into `out`.
+    """A native unit of a design to be built into `out`, with start values of its own in description and kernel.
 
     Reference results are of the design's start values: with others there are none.
     """
-    interface = interface_of(name, design, model)
-    data, meta = unit_data(interface, design, model)
-    extra = {} if starts else reference_results(interface, design, model)
-    return NativeUnit(interface=interface.with_starts(starts or {}), data=data, meta=meta, extra=extra, out=out)
+    interface, data = kind.contents(design, model)
+    extra = {} if starts else reference_results(interface, kind.experiments(design, model))
+    return NativeUnit(kind=kind, interface=interface.with_starts(starts or {}), data=data, extra=extra, out=out)
 
 
 def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:
@@ -93,7 +69,7 @@ def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "z
 
 
 def ensure_units(
-    wanted: Mapping[str, tuple[str, BeamModel]],
+    wanted: Mapping[str, tuple[UnitKind, BeamModel]],
     design: Design,
     root: Path,
     notify: Callable[[str], None],
@@ -101,16 +77,31 @@ def ensure_units(
     backend: Backend = "native",
     compiler: str = "zig",
 ) -> dict[str, Path]:
-    """The file of each instance, given its unit and model; units that are missing or stale are built first."""
+    """The file of each instance, given its kind and model; units that are missing or stale are built first."""
     files: dict[str, Path] = {}
-    missing: dict[Path, tuple[BeamModel, set[str]]] = {}
-    for instance, (unit, model) in wanted.items():
+    missing: dict[Path, tuple[BeamModel, dict[str, UnitKind]]] = {}
+    for instance, (kind, model) in wanted.items():
         folder = unit_folder(design, model, root, compiler)
-        files[instance] = folder / backend / f"{unit}.fmu"
+        if kind not in CATALOGUE:
+            folder /= _own_digest(kind, design, model)
+        files[instance] = folder / backend / f"{kind.name}.fmu"
         if not files[instance].is_file():
-            missing.setdefault(folder, (model, set()))[1].add(unit)
-    for folder, (model, units) in missing.items():
-        names = [name for name in UNITS if name in units]
-        notify(f"building {', '.join(names)}")
-        build_units(names, design, model, folder, backend=backend, compiler=compiler)
+            missing.setdefault(folder, (model, {}))[1][kind.name] = kind
+    for folder, (model, kinds) in missing.items():
+        listed = sorted(kinds.values(), key=lambda kind: CATALOGUE.index(kind) if kind in CATALOGUE else len(CATALOGUE))
+        notify(f"building {', '.join(kind.name for kind in listed)}")
+        build_units(listed, design, model, folder, backend=backend, compiler=compiler)
     return files
+
+
+def _own_digest(kind: UnitKind, design: Design, model: BeamModel) -> str:
+    """Name of a folder for a kind from outside this project, by all that a unit of it consists of."""
+    interface, data = kind.contents(design, model)
+    digest = hashlib.sha256(data_file(interface, data) + repr(kind.chapter).encode())
+    if kind.native is not None:
+        digest.update(f"{single_file(kind.name, [kind.native.source])}{kind.native.deferred}".encode())
+    if kind.python is not None:
+        digest.update(bundled_script(kind.python)[0].encode())
+    for name, content in reference_results(interface, kind.experiments(design, model)).items():
+        digest.update(name.encode() + content)
+    return digest.hexdigest()[:16]

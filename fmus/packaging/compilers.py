@@ -79,7 +79,14 @@ class Compiler:
     command: tuple[str, ...]
     is_zig: bool
 
-    def build(self, library: Path, sources: Sequence[Path], include: Path, platform: Platform) -> None:
+    def build(
+        self,
+        library: Path,
+        sources: Sequence[Path],
+        includes: Sequence[Path],
+        platform: Platform,
+        definitions: Sequence[str] = (),
+    ) -> None:
         """Compile sources to a shared library; BuildError with the compiler's first line where it fails.
 
         The library's bytes depend on its file name, the compiler and the contents of the sources, not on folders.
@@ -96,7 +103,8 @@ class Compiler:
             *platform.flags,
             "-shared",
             "-s",
-            f"-I{include}",
+            *(f"-D{name}" for name in definitions),
+            *(f"-I{folder}" for folder in includes),
             "-o",
             library.name,
             *map(str, sources),

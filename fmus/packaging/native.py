@@ -1,7 +1,6 @@
 """Packs a unit's C kernel and its tables into a native unit: sources, binaries and documentation.
 
-The mathematics in fmus/native does not depend on a design: what a design changes is one generated file, tables.c, so
-that a compiler with a cache makes a unit of a new design in a moment.
+The mathematics in fmus/native does not depend on a design; a design changes one generated file, the tables.
 """
 
 import tempfile
@@ -9,77 +8,50 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-from numpy.typing import ArrayLike
-
+from flexbeams.fmus.documents.build_files import build_description, cmake_lists
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.documents.documentation import documentation_page
 from flexbeams.fmus.documents.picture import model_picture
-from flexbeams.fmus.errors import BuildError
+from flexbeams.fmus.documents.terminals import PATH as TERMINALS
+from flexbeams.fmus.documents.terminals import terminals_document
 from flexbeams.fmus.interface.variables import Interface
-from flexbeams.fmus.packaging.c_tables import tables_source
+from flexbeams.fmus.packaging.c_tables import unit_tables
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
+from flexbeams.fmus.packaging.single_file import single_file
+from flexbeams.fmus.units.kind import UnitKind, with_real_flags
+from flexbeams.fmus.units.native_kernel import NATIVE, UnitData
 from flexbeams.plant.archive import write_whole, zip_bytes
 
-_NATIVE = Path(__file__).parents[1] / "native"
-FMI_FILES = (
-    "fmi2.c",
-    "fmi2_model_exchange.c",
-    "fmi2_state.c",
-    "fmi2_values.c",
-    "instance.c",
-    "text.c",
-    "fmi2FunctionTypes.h",
-    "fmi2Functions.h",
-    "fmi2TypesPlatform.h",
-    "instance.h",
-    "text.h",
-    "unit.h",
-)
-_LINEAR_ALGEBRA = ("linear_algebra.c", "linear_algebra.h")
-_OWN = {
-    "BeamPlant": ("beam_plant.c", "beam_plant.h", "matrix_exponential.c"),
-    "FlatnessFeedforward": (
-        "flatness_feedforward.c",
-        "flatness_feedforward.h",
-        "planner.c",
-        "planner.h",
-        "transition.c",
-        "transition.h",
-    ),
-    "TrackingController": ("tracking_controller.c", "tracking_controller.h"),
-    "SignalSource": ("signal_source.c", "signal_source.h", "philox.c", "philox.h"),
-}
-_INTERPOLATING = ("BeamPlant",)
+HEADERS = NATIVE / "headers"  # of FMI 2.0
 _JOBS = 2  # compilations at once
 
 
 @dataclass(frozen=True, kw_only=True)
 class NativeUnit:
-    """What one unit is made of; data and meta are those of fmus.data.unit_data."""
+    """A unit to be built with the C kernel of its kind into the file `out`."""
 
+    kind: UnitKind
     interface: Interface
-    data: Mapping[str, ArrayLike]
-    meta: Mapping[str, Any] = field(default_factory=dict)
+    data: UnitData
     extra: Mapping[str, bytes] = field(default_factory=dict)  # further files: path in the archive to content
     out: Path
 
     def __post_init__(self) -> None:
-        interpolates = self.interface.unit_name in _INTERPOLATING
+        interpolates = self.kind.require_native().interpolates_inputs
         object.__setattr__(self, "interface", replace(self.interface, can_interpolate_inputs=interpolates))
 
-    def files(self) -> tuple[str, ...]:
-        """The files of fmus/native that are among its sources."""
-        return (*FMI_FILES, *mathematics_files(self.interface.unit_name))
+    def with_real_flags(self) -> "NativeUnit":
+        """The unit with Boolean outputs declared as Real, and without reference results, which have them as Boolean."""
+        return replace(self, interface=with_real_flags(self.interface), extra={})
 
-    def tables(self, guid: str) -> dict[str, str]:
-        """The sources that are generated, by name; tables.c has the GUID."""
-        return {"tables.c": tables_source(self.interface, self.data, self.meta, guid)}
+    def kernels(self) -> list[Path]:
+        """The C files of its mathematics."""
+        return [self.kind.require_native().source]
 
-    def compiled(self) -> list[str]:
-        """The sources that are compiled; others are included."""
-        return sorted([file for file in self.files() if file.endswith(".c")] + ["tables.c"])
+    def tables(self, guid: str) -> str:
+        """The C text of the numbers of the design, of the variables and of the GUID."""
+        return unit_tables(self.interface, self.kind.require_native(), self.data, guid)
 
     def picture(self) -> bytes:
         """model.png."""
@@ -87,19 +59,7 @@ class NativeUnit:
 
     def page(self, picture: bytes) -> str:
         """documentation/index.html."""
-        return documentation_page(self.interface, picture)
-
-
-def mathematics_files(unit: str) -> tuple[str, ...]:
-    """The files of fmus/native with the mathematics of a unit; BuildError for a name that no native unit has."""
-    if unit not in _OWN:
-        raise BuildError(f"{unit}: there is no native unit of this name")
-    return (*_OWN[unit], *_LINEAR_ALGEBRA)
-
-
-def native_source(file: str) -> str:
-    """A file of fmus/native."""
-    return (_NATIVE / file).read_text(encoding="utf-8")
+        return documentation_page(self.interface, picture, self.kind.chapter)
 
 
 def build_native_units(
@@ -132,37 +92,50 @@ def build_native_units(
 
 
 def unit_sources(unit: NativeUnit, **attributes: str) -> tuple[dict[str, bytes], bytes]:
-    """All C files of a unit by name, the generated ones among them, and modelDescription.xml.
+    """The files of a unit's folder `sources` by name, and modelDescription.xml.
 
-    The GUID is a hash of the description and of all C files.
+    The GUID is a hash of the description and of the C files.
     """
-    kept = {file: (_NATIVE / file).read_bytes() for file in unit.files()}
-    compiled, unnamed = unit.compiled(), unit.tables("")
+    name = unit.interface.unit_name
+    compiled = compiled_file(name)
+    code, tables = single_file(name, unit.kernels()), f"{name}_tables.h"
     guid = content_guid(
-        model_description(unit.interface, source_files=compiled, **attributes),
-        *(kept[file] for file in sorted(kept)),
-        *(unnamed[file].encode() for file in sorted(unnamed)),
+        model_description(unit.interface, source_files=[compiled], **attributes),
+        code.encode(),
+        unit.tables("").encode(),
     )
-    sources = kept | {file: text.encode() for file, text in unit.tables(guid).items()}
-    return sources, model_description(unit.interface, guid=guid, source_files=compiled, **attributes)
+    description = model_description(unit.interface, guid=guid, source_files=[compiled], **attributes)
+    sources = {
+        compiled: code.encode(),
+        tables: unit.tables(guid).encode(),
+        "buildDescription.xml": build_description(name, compiled),
+        "CMakeLists.txt": cmake_lists(name, compiled),
+    }
+    return sources, description
+
+
+def compiled_file(unit: str) -> str:
+    """The one file of a unit's sources that is compiled."""
+    return f"{unit}.c"
 
 
 def _compiled(unit: NativeUnit, sources: Mapping[str, bytes], folder: Path, target: Platform, tool: Compiler) -> bytes:
-    """The shared library. Only what is generated is written anew: compiler caches know files by their path."""
-    generated = sources.keys() - set(unit.files())
-    for file in generated:
-        (folder / file).write_bytes(sources[file])
-    library = folder / f"{unit.interface.unit_name}{target.suffix}"
-    tool.build(
-        library, [(folder if file in generated else _NATIVE) / file for file in unit.compiled()], _NATIVE, target
-    )
+    """The shared library, whose functions have FMI's plain names."""
+    for file, content in sources.items():
+        (folder / file).write_bytes(content)
+    name = unit.interface.unit_name
+    library = folder / f"{name}{target.suffix}"
+    tool.build(library, [folder / compiled_file(name)], [HEADERS], target, ["FMI2_OVERRIDE_FUNCTION_PREFIX"])
     return library.read_bytes()
 
 
 def _documents(unit: NativeUnit) -> dict[str, bytes]:
     picture = unit.picture()
-    return {
+    documents = {
         "documentation/index.html": unit.page(picture).encode(),
-        "documentation/licenses/LICENSE": (_NATIVE / "LICENSE").read_bytes(),
+        "documentation/licenses/LICENSE": (NATIVE / "LICENSE").read_bytes(),
         "model.png": picture,
     }
+    if terminals := terminals_document(unit.interface):
+        documents[TERMINALS] = terminals
+    return documents

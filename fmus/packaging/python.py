@@ -15,25 +15,25 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version as installed_version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface
+from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.native_kernel import UnitData
 from flexbeams.plant.archive import npz_bytes, write_whole, zip_bytes
 
 _ROOT = Path(__file__).parents[2]
 _PROJECT = "flexbeams"
 
 # The wrapper runs the entry module once more for every instance: classes defined here would pile up. It
-# also releases a reference to the module's dictionary that it does not own; one more makes up for it.
+# also releases a reference to the module's dictionary that it does not own; one more compensates for it.
 _ENTRY = '''"""{unit}: entry for the pythonfmu wrapper."""
 
 import ctypes
@@ -54,26 +54,12 @@ for script, project_files, out in json.loads(sys.argv[1]):
 
 @dataclass(frozen=True, kw_only=True)
 class PythonUnit:
-    """What one unit is made of."""
+    """A unit to be built with the Python kernel of its kind into the file `out`."""
 
+    kind: UnitKind
     interface: Interface
-    data: Mapping[str, ArrayLike]  # numeric arrays, to the kernel as `data`
-    meta: Mapping[str, Any] = field(default_factory=dict)  # JSON values, to the kernel as `meta`
-    kernel_file: Path  # a module with one class derived from fmus.python.slave.Unit
+    data: UnitData
     out: Path
-
-
-def build_python_unit(
-    interface: Interface,
-    data: Mapping[str, ArrayLike],
-    meta: Mapping[str, Any],
-    kernel_file: Path,
-    out: Path,
-    **attributes: str,
-) -> Path:
-    """Build one unit as the file `out`; see `build_python_units`."""
-    unit = PythonUnit(interface=interface, data=data, meta=meta, kernel_file=kernel_file, out=out)
-    return build_python_units([unit], **attributes)[0]
 
 
 def build_python_units(units: Sequence[PythonUnit], **attributes: str) -> list[Path]:
@@ -101,8 +87,8 @@ def build_python_units(units: Sequence[PythonUnit], **attributes: str) -> list[P
 def write_sources(unit: PythonUnit, folder: Path, **attributes: str) -> tuple[str, bytes]:
     """Write a unit's modules and data file to a folder; returns the entry module's name and the description."""
     interface = replace(unit.interface, needs_execution_tool=True, cannot_use_memory_management=True)
-    script, class_name = bundled_script(unit.kernel_file)
-    data = data_file(interface, unit.data, unit.meta)
+    script, class_name = bundled_script(unit.kind.require_python())
+    data = data_file(interface, unit.data)
     wrapper = f"pythonfmu {installed_version('pythonfmu')}".encode()
     guid = content_guid(model_description(interface, **attributes), script.encode(), data, wrapper)
     snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", interface.unit_name).lower()
@@ -114,11 +100,11 @@ def write_sources(unit: PythonUnit, folder: Path, **attributes: str) -> tuple[st
     return name, model_description(interface, guid=guid, **attributes)
 
 
-def data_file(interface: Interface, data: Mapping[str, ArrayLike], meta: Mapping[str, Any]) -> bytes:
-    """The .npz file of a unit, reproducible: `data`, and the interface and `meta` as JSON in UTF-8 bytes."""
-    texts = {"interface": interface.to_json(), "meta": json.dumps(meta, sort_keys=True, allow_nan=False)}
+def data_file(interface: Interface, data: UnitData) -> bytes:
+    """The .npz file of a unit, reproducible: its arrays, and interface and plain values as JSON in UTF-8 bytes."""
+    texts = {"interface": interface.to_json(), "meta": json.dumps(data.meta, sort_keys=True, allow_nan=False)}
     arrays = {name: np.frombuffer(text.encode(), np.uint8) for name, text in texts.items()}
-    for name, values in data.items():
+    for name, values in data.arrays.items():
         array = np.asarray(values)
         if name in texts or array.dtype.kind not in "biuf":
             raise BuildError(f"{interface.unit_name}: data[{name!r}] must be numeric and not called {name}")
@@ -129,7 +115,7 @@ def data_file(interface: Interface, data: Mapping[str, ArrayLike], meta: Mapping
 def bundled_script(kernel_file: Path) -> tuple[str, str]:
     """The kernel joined with the modules of this project it builds on; also the name of its class.
 
-    These may be imported as `from <package>.<module> import <names>` at the top level only; each stands before
+    These may be imported as `from <package>.<module> import <names>` at the top level only; each precedes
     those that import it, and all share one namespace.
     """
     modules: dict[Path, str] = {}

@@ -9,12 +9,11 @@ from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
 
-SLOTS = 8  # transitions under way at once
 ROUNDING = 1e-12  # m: a host that interpolates a constant target moves it by less
 
 
 class FlatnessFeedforward(Unit):
-    """u = sum_i c_i xi^(i), x = sum_i X_i xi^(i) with xi = offset + sum_k steps_k Theta((t - starts_k)/durations_k)."""
+    """u = sum_i c_i xi^(i), x = sum_i X_i xi^(i) with xi = offset + sum_k changes_k Theta((t - starts_k)/T_k)."""
 
     def setup(self) -> None:
         """Views, tables and the slots of the transitions under way."""
@@ -26,12 +25,13 @@ class FlatnessFeedforward(Unit):
         exponent, norm = data["transition_constants"]
         self._transition = Transition(exponent=float(exponent), norm=float(norm), table=data["transition_table"])
         self._shapes = InputShapes(times=data["shape_times"], values=data["shape_values"])
+        self._slots = int(self.meta["slots"])  # transitions in progress at once
         self._count = self.state_array("count", 1, np.int64)
         self._handled = self.state_array("handled_target", len(self._target))
         self._offset = self.state_array("offset", self._n_u)
-        self._starts = self.state_array("starts", SLOTS)
-        self._durations = self.state_array("durations", SLOTS)
-        self._steps = self.state_array("steps", (SLOTS, self._n_u))
+        self._starts = self.state_array("starts", self._slots)
+        self._durations = self.state_array("durations", self._slots)
+        self._changes = self.state_array("changes", (self._slots, self._n_u))
         self._preview = self.view("preview")
         self._at_rest = False  # the outputs are those of the offset alone
 
@@ -48,7 +48,7 @@ class FlatnessFeedforward(Unit):
             )
         self.view("planned_peak")[0] = peak
         self._at_rest = False
-        self._evaluate(self.values[0] + self._preview[0])
+        self._evaluate(self._preview[0])
 
     def restore(self) -> None:
         """Nothing derives from the state but whether it rests."""
@@ -56,7 +56,7 @@ class FlatnessFeedforward(Unit):
 
     def advance(self, time: float, step: float) -> None:
         """A changed target starts a transition at `time`; outputs are those of time + step + preview."""
-        if self._count[0] < SLOTS and (np.abs(self._target - self._handled) > ROUNDING).any():
+        if self._count[0] < self._slots and (np.abs(self._target - self._handled) > ROUNDING).any():
             self._plan(time)
         if self._count[0] or not self._at_rest:
             self._evaluate(time + step + self._preview[0])
@@ -64,7 +64,7 @@ class FlatnessFeedforward(Unit):
     def _motion(self) -> PendingTransitions:
         k = int(self._count[0])
         return PendingTransitions(
-            offset=self._offset, starts=self._starts[:k], durations=self._durations[:k], changes=self._steps[:k]
+            offset=self._offset, starts=self._starts[:k], durations=self._durations[:k], changes=self._changes[:k]
         )
 
     def _plan(self, time: float) -> None:
@@ -79,18 +79,18 @@ class FlatnessFeedforward(Unit):
         if plan.duration == 0:
             place = "at rest" if plan.peak_at_rest > limit else "on the way"
             self.warn(
-                f"y_target at {time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, voltage_limit is "
-                f"{limit:.1f} V; the target before is held"
+                f"y_target at {self.clock.start + time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, "
+                f"voltage_limit is {limit:.1f} V; the target before is held"
             )
             return
         if plan.duration > wanted:
             self.note(
-                f"the transition at {time:.6g} s is stretched from {wanted:.4g} s to {plan.duration:.4g} s "
-                f"to stay within {limit:.1f} V"
+                f"the transition at {self.clock.start + time:.6g} s is stretched from {wanted:.4g} s to "
+                f"{plan.duration:.4g} s to stay within {limit:.1f} V"
             )
         self.view("planned_time")[0] = plan.duration
         slot = int(self._count[0])
-        self._starts[slot], self._durations[slot], self._steps[slot] = time, plan.duration, change
+        self._starts[slot], self._durations[slot], self._changes[slot] = time, plan.duration, change
         self._count[0] += 1
 
     def _evaluate(self, time: float) -> None:
@@ -101,22 +101,23 @@ class FlatnessFeedforward(Unit):
             duration = float(self._durations[k])
             tau = min(max((time - self._starts[k]) / duration, 0.0), 1.0)
             derivatives = self._transition.series(tau, self._degree) * derivative_scales(self._degree, duration)
-            series += derivatives[:, None] * self._steps[k]
+            series += derivatives[:, None] * self._changes[k]
         self._u[:] = self.data["input_series"] @ series
         self._x[:] = self._state_series @ series[:-1].ravel()
-        self._y[:] = self.data["H_pi"] @ self._x + self.data["D_pi"] @ self._u
+        self._y[:] = self.data["reference_outputs"] @ np.concatenate((self._x, self._u))
         self._moving[0] = self._count[0] > 0
         self._at_rest = not self._moving[0]
 
     def _retire(self, time: float) -> None:
         """Transitions that have ended go into the offset; the others move up, in their order."""
         k = int(self._count[0])
-        ended = time >= self._starts[:k] + self._durations[:k]
+        reached = time + self.clock.tolerance(time, self.meta["sample_time"])
+        ended = reached >= self._starts[:k] + self._durations[:k]
         if not ended.any():
             return
-        self._offset += self._steps[:k][ended].sum(axis=0)
+        self._offset += self._changes[:k][ended].sum(axis=0)
         left = int(np.count_nonzero(~ended))
-        for array in (self._starts, self._durations, self._steps):
+        for array in (self._starts, self._durations, self._changes):
             array[:left] = array[:k][~ended]
             array[left:] = 0.0
         self._count[0] = left

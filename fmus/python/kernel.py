@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from pythonfmu.enums import Fmi2Status
 
+from flexbeams.fmus.python.clock import Clock
 from flexbeams.fmus.python.tables import Tables
 
 
@@ -25,7 +26,7 @@ class Kernel(ABC):
 
     `values` (n,) holds every Real, Integer and Boolean variable at its value reference, `data` the arrays and
     `meta` the plain values of the data file. What changes in a step must live in `values` or in a
-    `state_array`: together with phase and time these are the FMU state.
+    `state_array`: together with phase and `clock` these are the FMU state.
     """
 
     log: Callable[[str, Fmi2Status], None]  # queues one line for the importer; pythonfmu's base class has it
@@ -37,6 +38,7 @@ class Kernel(ABC):
         self.meta = tables.meta
         self.values: NDArray[np.float64] = tables.values.copy()
         self._texts = dict(tables.texts)
+        self.clock = Clock()
         self._state: dict[str, NDArray[Any]] = {}
         self._constructing = True
         self._early_lines: list[tuple[str, Fmi2Status]] = []
@@ -58,7 +60,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def advance(self, time: float, step: float) -> None:
-        """Move state and outputs from `time` to `time + step` (s), the inputs held."""
+        """Move state and outputs from `time` to `time + step` (s since the start), the inputs held."""
 
     # Services
 

@@ -5,10 +5,10 @@ pythonfmu units of a process share one interpreter.
 
 A refused call raises, because that is the only way pythonfmu 0.7.0's wrapper can tell the importer: it
 returns fmi2Fatal and logs the text. (It never returns fmi2Error; fmi2Discard, a step's False, ends FMPy's
-simulation without a word.) On the way it releases references to class, instance and log queue that
-it needs again, so `Unit._fail` hands it spare ones: the instance stays whole and can be reset. It
-reads the log queue after every call but construction, reset and free, and crashes on a line that is
-left over at free.
+simulation silently.) It also releases references to class, instance and log queue that
+it needs again, so `Unit._fail` adds spare ones: the instance stays usable and can be reset. It
+reads the log queue after every call except construction, reset and free, and crashes on a line that
+remains at free.
 """
 
 from __future__ import annotations
@@ -69,7 +69,6 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         self._load(read_tables(Path(resources) / "data.npz"))
         self._digest = hashlib.sha256(self._tables.digest + type(self).__module__.encode()).digest()
         self.modelName = self._tables.unit_name
-        self._time = 0.0
         self._failure: str | None = None
         self._stale = True
         self._enter(INSTANTIATED)
@@ -87,7 +86,8 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
             raise UnitError(f"startTime must be finite, got {start_time!r}")
         if stop_time is not None and not stop_time > start_time:
             raise UnitError(f"stopTime must be > startTime {start_time!r}, got {stop_time!r}")
-        self._time = self.values[0] = start_time
+        self.clock.begin(start_time, math.inf if stop_time is None else stop_time)
+        self.values[0] = start_time
 
     @entry
     def enter_initialization_mode(self) -> None:
@@ -109,14 +109,12 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         if self._failure is not None:
             raise UnitError(f"fmi2DoStep is refused until fmi2Reset, the instance failed: {self._failure}")
         require_phase("fmi2DoStep", STEPPING, self._phase)
-        if not 0.0 < step_size < math.inf:
-            raise UnitError(f"communicationStepSize must be finite and > 0, got {step_size!r}")
-        if not abs(current_time - self._time) <= 1e-6 * step_size + 1e-9 * abs(self._time):
-            raise UnitError(
-                f"currentCommunicationPoint must be {self._time!r}, the end of the last step, got {current_time!r}"
-            )
-        self.advance(current_time, step_size)
-        self._time = self.values[0] = current_time + step_size
+        clock = self.clock
+        if (refusal := clock.refusal(current_time, step_size, self._tables.step_size)) is not None:
+            raise UnitError(refusal)
+        self.advance(clock.elapsed, step_size)
+        clock.advance(current_time, step_size)
+        self.values[0] = clock.start + clock.elapsed
         return True
 
     @entry
@@ -192,22 +190,23 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
     def _get_fmu_state(self) -> bytes:
         texts = json.dumps([self._failure, *self._texts.values()]).encode()
         arrays = [_little_endian(array) for array in self._arrays()]
-        return pack_state(self._digest, self._phase, self._time, [*arrays, texts])
+        return pack_state(self._digest, self._phase, [*arrays, texts])
 
     @entry
     def _set_fmu_state(self, state: object) -> None:
         arrays = self._arrays()
         try:
-            phase, time, parts = unpack_state(state, self._digest, len(arrays) + 1)
+            phase, parts = unpack_state(state, self._digest, len(arrays) + 1)
             if [len(part) for part in parts[:-1]] != [array.nbytes for array in arrays]:
                 raise ValueError("must have arrays of the same sizes")
         except ValueError as error:
             raise UnitError(f"FMU state {error}") from None
         for array, part in zip(arrays, parts[:-1], strict=True):
             array[...] = np.frombuffer(part, array.dtype.newbyteorder("<")).reshape(array.shape)
+        if not self.clock.is_valid() or self.values[0] != self.clock.start + self.clock.elapsed:
+            raise UnitError("FMU state must have contents that this unit can have saved")
         self._failure, *texts = json.loads(parts[-1])
         self._texts = dict(zip(self._texts, texts, strict=True))
-        self._time = time
         self._stale = True
         self._enter(phase)
         self.restore()
@@ -224,7 +223,7 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
     # Internals
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [self.values, *self._state.values()]
+        return [self.clock.fields, self.values, *self._state.values()]
 
     def _enter(self, phase: int) -> None:
         """Change phase. The caches hold only calls that need no check in this phase."""

@@ -1,4 +1,4 @@
-"""What all instances of one unit share: its data file, with the variables listed by value reference."""
+"""The data file of a unit, which all its instances share, with the variables by value reference."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 class Tables:
     """Contents of `data.npz`: `data` (read-only arrays), `meta`, and the interface's variables.
 
-    `values` (n,) and `texts` are the start values, `spans` the positions of each array variable.
+    `values` (n,) and `texts` are the start values, `spans` the indices of each array variable.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,6 +31,7 @@ class Tables:
             array.setflags(write=False)
         self.data: Mapping[str, NDArray[Any]] = MappingProxyType(arrays)
         self.unit_name: str = interface["unit_name"]
+        self.step_size: float = interface["step_size"]  # s, the declared communication step
         self.variables: list[dict[str, Any]] = interface["variables"]
         self.values = np.zeros(len(self.variables))
         self.texts: dict[int, str] = {}

@@ -5,14 +5,12 @@ together. Neither standard defines their CSV files: these have the time (s) firs
 cross-check rules demand, and two rows of one time where an input jumps, as the Reference FMUs have it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from xml.etree import ElementTree
 
-from flexbeams.controller.design import Design
 from flexbeams.fmus.documents.xml_documents import Entry, parameter_set, xml_bytes
 from flexbeams.fmus.interface.variables import Interface
-from flexbeams.fmus.references.experiments import Experiment, Series, experiments
-from flexbeams.plant.galerkin import BeamModel
+from flexbeams.fmus.references.experiments import Experiment, Series
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = f"{FOLDER}/fmi-ls-manifest.xml"
@@ -27,47 +25,45 @@ Folder {folder}; {list} lists the experiments.
 
 {experiments}
 
-An experiment starts at 0 s and goes by steps of {step!r} s. Inputs are set at the beginning of a step and held over it;
-the first row of the stimuli is set in the initialisation; an input without stimuli keeps its start value. Two rows of
-one time are a jump, the second row holds from then on. Parameters are set before the initialisation.
+An experiment starts at 0 s and uses a fixed step of {step!r} s. Inputs are set at the beginning of a step and held
+over it; the first row of the stimuli is set in the initialisation; an input without stimuli keeps its start value. Two
+rows of one time are a jump, the second row holds from then on. Parameters are set before the initialisation.
 
 The first row of the references are the values after the initialisation, the others those after the step that ends at
 their time. Not every step has a row.
 
-The values were not computed by this unit but in double precision by another method, and are printed with all digits.
+The values were computed independently of this unit, in double precision by another method, with all digits.
 Differences, relative to the largest magnitude of an array, were below 1e-10 where this was tested; {tolerance!r} is the
 tolerance given.
 """
 
 
-def reference_results(interface: Interface, design: Design, model: BeamModel) -> dict[str, bytes]:
-    """The files by their path in the archive, of a unit with its design's start values; none for an unknown unit."""
-    return reference_files(interface, experiments(interface.unit_name, design, model))
+def reference_results(interface: Interface, experiments: Sequence[Experiment]) -> dict[str, bytes]:
+    """The files by their path in the archive; none without experiments.
 
-
-def reference_files(interface: Interface, found: list[Experiment]) -> dict[str, bytes]:
-    """Manifest, experiments file, notes, and for each experiment its parameter set, stimuli and references."""
-    if not found:
+    These are the manifest, the experiments file, notes, and for each experiment its parameter set, stimuli and results.
+    """
+    if not experiments:
         return {}
     files = {}
     related = [(EXPERIMENTS_TYPE, EXPERIMENTS, "experiment/smoke-test", f"Experiments with {interface.unit_name}")]
-    for e in found:
+    for e in experiments:
         if e.parameters:
             files[f"{e.name}.ssv"] = parameter_set(e.name, _entries(interface, e.parameters))
             related.append((SET_TYPE, f"{e.name}.ssv", "parameter", f"Parameters: {e.description}"))
-        if e.stimuli is not None and (name := _stimuli_file(e, found)) not in files:
+        if e.stimuli is not None and (name := _stimuli_file(e, experiments)) not in files:
             files[name] = table(e.stimuli)
             related.append(("text/csv", name, "other", f"Stimuli: {e.description}"))
         files[f"{e.name}-ref.csv"] = table(e.references)
         related.append(("text/csv", f"{e.name}-ref.csv", "result", f"Reference results: {e.description}"))
-    files[EXPERIMENTS] = _experiments(interface, found)
-    listed = "\n".join(f"{e.name}: {e.description}." for e in found)
+    files[EXPERIMENTS] = _experiments_file(interface, experiments)
+    listed = "\n".join(f"{e.name}: {e.description}." for e in experiments)
     notes = _NOTES.format(
         unit=interface.unit_name,
         folder=FOLDER,
         list=EXPERIMENTS,
         experiments=listed,
-        step=found[0].step,
+        step=experiments[0].step,
         tolerance=TOLERANCE,
     )
     return {
@@ -77,9 +73,9 @@ def reference_files(interface: Interface, found: list[Experiment]) -> dict[str, 
     }
 
 
-def _stimuli_file(experiment: Experiment, found: list[Experiment]) -> str:
+def _stimuli_file(experiment: Experiment, experiments: Sequence[Experiment]) -> str:
     """Experiments with the same stimuli share the file."""
-    return next(f"{e.name}-in.csv" for e in found if e.stimuli is experiment.stimuli)
+    return next(f"{e.name}-in.csv" for e in experiments if e.stimuli is experiment.stimuli)
 
 
 def table(series: Series) -> bytes:
@@ -113,13 +109,13 @@ def _manifest(related: Iterable[tuple[str, str, str, str]]) -> bytes:
     return xml_bytes(root)
 
 
-def _experiments(interface: Interface, found: list[Experiment]) -> bytes:
+def _experiments_file(interface: Interface, experiments: Sequence[Experiment]) -> bytes:
     root = ElementTree.Element(
         "Experiments",
         name=f"Reference results of {interface.unit_name}",
-        description="Short runs to see that a tool simulates the unit as it was meant to be",
+        description="Short runs that show whether a tool simulates the unit correctly",
     )
-    for e in found:
+    for e in experiments:
         element = ElementTree.SubElement(
             root, "Experiment", name=e.name, description=e.description, tolerance=repr(TOLERANCE)
         )
@@ -129,6 +125,6 @@ def _experiments(interface: Interface, found: list[Experiment]) -> bytes:
         if e.parameters:
             ElementTree.SubElement(element, "Parameters", type=SET_TYPE, source=f"{e.name}.ssv")
         if e.stimuli is not None:
-            ElementTree.SubElement(element, "Stimuli", type="text/csv", source=_stimuli_file(e, found))
+            ElementTree.SubElement(element, "Stimuli", type="text/csv", source=_stimuli_file(e, experiments))
         ElementTree.SubElement(element, "References", type="text/csv", source=f"{e.name}-ref.csv")
     return xml_bytes(root)

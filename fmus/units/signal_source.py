@@ -1,4 +1,4 @@
-"""SignalSource: a unit whose outputs are functions of time, for tools that have no external signals of their own."""
+"""SignalSource: outputs that are functions of time, for tools that have no external signals of their own."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -7,9 +7,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flexbeams.fmus.documents.documentation import PAPER, Chapter
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.si import SI_UNITS
-from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array, matrix
+from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.native_kernel import NATIVE, Fields, NativeKernel, Records, Table, UnitData
 
 Kind = Literal[
     "constant",
@@ -43,12 +46,12 @@ _FIELDS = {
     "start_frequency": "first",
     "hold": "first",
     "stop_frequency": "last",
-}  # of source_signal in C
+}  # of SourceSignal in C
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceSignal:
-    """What drives some outputs: one signal for all of them, or one of `width` elements for each.
+    """A signal that drives some outputs: one for all of them, or one of `width` elements for each.
 
     `parameters` has those of its kind: numbers, lists of `width` numbers, or for targets time (rows,) and value
     (rows, width). `table` (rows, 1 + width) has the time in its first column. `sequence` are the levels -1 and 1 of
@@ -57,7 +60,7 @@ class SourceSignal:
 
     name: str  # of its parameters, before their point
     kind: Kind
-    outputs: tuple[str, ...]  # elements that stand next to each other
+    outputs: tuple[str, ...]  # contiguous elements
     width: int = 1
     drives: str = ""  # for the descriptions
     unit: str | None = None
@@ -73,11 +76,11 @@ class SourceSignal:
             raise InterfaceError(f"{self.name}: width must be 1 or {len(self.outputs)}, got {self.width}")
 
 
-def signal_source(signals: Sequence[SourceSignal], step_size: float, stop_time: float) -> Interface:
+def source_interface(signals: Sequence[SourceSignal], step_size: float, stop_time: float) -> Interface:
     """The interface of a source of these signals; outputs in the order of the signals, elements by number."""
-    outputs = sorted(((o, s) for s in signals for o in s.outputs), key=lambda pair: _place(pair[0], signals))
+    outputs = sorted(((o, s) for s in signals for o in s.outputs), key=lambda pair: _order(pair[0], signals))
     variables = [
-        time_variable,
+        TIME,
         *[
             Variable(name=name, causality="output", unit=s.unit, nominal=s.nominal, description=f"Drives {s.drives}")
             for name, s in outputs
@@ -85,7 +88,7 @@ def signal_source(signals: Sequence[SourceSignal], step_size: float, stop_time: 
         *[variable for s in signals for variable in _parameters(s)],
     ]
     return Interface(
-        unit_name="SignalSource",
+        unit_name=SIGNAL_SOURCE.name,
         variables=tuple(variables),
         step_size=step_size,
         stop_time=stop_time,
@@ -93,8 +96,8 @@ def signal_source(signals: Sequence[SourceSignal], step_size: float, stop_time: 
     )
 
 
-def source_data(interface: Interface, signals: Sequence[SourceSignal]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arrays `numbers` and `bits` and, in `signals`, the fields of source_signal in C, for fmus.tables."""
+def source_data(interface: Interface, signals: Sequence[SourceSignal]) -> UnitData:
+    """Arrays `numbers` and `bits`, and in `signals` the fields of SourceSignal in C."""
     numbers: list[float] = []
     packed = np.zeros(0, np.uint8)
     rows = []
@@ -118,10 +121,10 @@ def source_data(interface: Interface, signals: Sequence[SourceSignal]) -> tuple[
         if s.kind == "levels":
             entry["seed"] = s.seed
         rows.append(entry)
-    return {"numbers": np.array(numbers), "bits": packed}, {"signals": rows}
+    return UnitData(arrays={"numbers": np.array(numbers), "bits": packed}, meta={"signals": rows})
 
 
-def _place(output: str, signals: Sequence[SourceSignal]) -> tuple[int, list[int]]:
+def _order(output: str, signals: Sequence[SourceSignal]) -> tuple[int, list[int]]:
     """Arrays in the order in which they first appear, their elements by index."""
     name, _, index = output.partition("[")
     arrays = list(dict.fromkeys(o.partition("[")[0] for s in signals for o in s.outputs))
@@ -129,7 +132,7 @@ def _place(output: str, signals: Sequence[SourceSignal]) -> tuple[int, list[int]
 
 
 def _parameters(signal: SourceSignal) -> list[Variable]:
-    found: list[Variable] = []
+    variables: list[Variable] = []
     for key, value in signal.parameters.items():
         name, meaning = f"{signal.name}.{key}", _MEANINGS[key].format(f"what drives {signal.drives}")
         common: dict[str, Any] = {"causality": "parameter", "unit": _unit(key, signal.unit), "description": meaning}
@@ -137,12 +140,12 @@ def _parameters(signal: SourceSignal) -> list[Variable]:
             common["minimum"] = 0.0
         values = np.asarray(value, dtype=np.float64)
         if values.ndim == 2:
-            found += matrix(name, *values.shape, start=values.ravel(), **common)
+            variables += matrix(name, *values.shape, start=values.ravel(), **common)
         elif values.size > 1 or (signal.kind == "targets" and key == "time"):
-            found += array(name, values.size, start=values.ravel(), **common)
+            variables += array(name, values.size, start=values.ravel(), **common)
         else:
-            found.append(Variable(name=name, start=float(values.ravel()[0]), **common))
-    return found
+            variables.append(Variable(name=name, start=float(values.ravel()[0]), **common))
+    return variables
 
 
 def _unit(key: str, unit: str | None) -> str | None:
@@ -153,3 +156,49 @@ def _unit(key: str, unit: str | None) -> str | None:
     if key != "impulse" or unit is None:
         return unit
     return "s" if unit == "1" else f"{unit}.s" if f"{unit}.s" in SI_UNITS else None
+
+
+def native_data(interface: Interface, data: UnitData) -> Fields:
+    """The fields of SignalSourceData."""
+    signals, numbers, bits = data.meta["signals"], data.arrays["numbers"], data.arrays["bits"]
+    return {
+        "signal_count": len(signals),
+        "signals": Records(type="SourceSignal", rows=signals, comment="what drives the outputs"),
+        "numbers": Table(
+            values=numbers if numbers.size else np.zeros(1),
+            comment="tables of the signals, one after the other: times, s, then values, row by row",
+        ),
+        "bits": Table(
+            values=bits if bits.size else np.zeros(1, np.uint8),
+            comment="levels of the binary sequences, eight in a byte",
+        ),
+    }
+
+
+SIGNAL_SOURCE = UnitKind(
+    name="SignalSource",
+    chapter=Chapter(
+        equations="""
+Outputs are functions of time, set by the parameters. A pulse is half a sine with the integral I over the duration T; a
+chirp has amplitude a and a frequency that runs from f_0 to f_1, linearly or as a power of time:
+= p(t) = (π I / (2 T)) sin(π (t−t_0) / T)
+= c(t) = a sin(2 π ∫_{t_0}^t f(s) d s) ; f(s) = f_0 + (f_1 − f_0) (s−t_0) / T ; f(s) = f_0 (f_1 / f_0)^{(s−t_0) / T}
+Targets hold from their times on. Pseudo-random levels hold for a while each: +a and −a by a maximum-length sequence, or
+evenly distributed by the counter-based generator Philox 4x64. The rows of a table are held or joined by lines. A time
+counts as reached from 1 ns before on.
+""",
+        timing="""
+Outputs after a step, and after the initialisation, are those of its end: a master that exchanges values before each
+step gives the other units the signals of the step's start. A master that passes on new values within a step
+(Gauss-Seidel) must step this unit last; stepped first, every signal comes one step early. A time
+that is a multiple of the step size up to the rounding of the host's clock is taken as that multiple.
+""",
+        literature=PAPER,
+    ),
+    native=NativeKernel(
+        source=NATIVE / "units" / "signal_source.c",
+        data_type="SignalSourceData",
+        hooks="signal_source_hooks",
+        data=native_data,
+    ),
+)

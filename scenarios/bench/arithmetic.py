@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.controller.design import Design
+from flexbeams.controller.observer import tick_matrices
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import BeamModel
@@ -26,18 +27,15 @@ class Matrices:
 
 def matrices_of(design: Design, model: BeamModel) -> Matrices:
     """The matrices of a design and its plant over a step of the design's sample time."""
-    system, a = model.assemble(), design.arrays
+    system = model.assemble()
     form = energy_form(system.M, system.D, system.K, np.hstack([system.L, system.F]))
-    gain, estimates = a["estimator_gain"], np.hstack([a["H_pi"], a["D_pi"]])
-    voltages = len(a["feedback_gain"])
+    tick = tick_matrices(design.arrays)
     return Matrices(
         transition=np.hstack(discretise(form.A, form.B, design.options.sample_time)),
         outputs=np.vstack([model.deflection, model.strain]) @ form.position,
-        filter=np.hstack([a["A_d"] - gain @ a["H_pm"], a["B_d"] - gain @ a["D_pm"], gain]),
-        regulator=np.vstack(
-            [np.hstack([a["feedback_gain"], np.zeros((voltages, voltages))]), a["static_inverse"] @ estimates]
-        ),
-        estimates=estimates,
+        filter=tick.filter,
+        regulator=tick.regulator,
+        estimates=tick.estimates,
         gain=design.options.integral_gain,
         limit=design.options.voltage_limit,
     )

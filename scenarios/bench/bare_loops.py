@@ -11,37 +11,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexbeams import fmus
 from flexbeams.fmus.packaging.c_tables import panels
 from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
+from flexbeams.fmus.packaging.native import HEADERS
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence
 
 _BENCH = Path(__file__).parent / "native"
-_UNITS = Path(str(fmus.__file__)).parent / "native"
-_SHARED = ("linear_algebra.c", "transition.c")
 _MATRICES = ("transition", "outputs", "filter", "regulator", "estimates")
 
 
 def bare_library(folder: Path, compiler: str, feedforward: Path) -> ctypes.CDLL:
-    """The compiled bare loops with the tables of a native FlatnessFeedforward, cached in `folder`.
+    """The compiled bare loops with the sources of a native FlatnessFeedforward, cached in `folder`.
 
     Raises BuildError.
     """
     with zipfile.ZipFile(feedforward) as archive:
-        tables = archive.read("sources/tables.c")
-    sources = [_BENCH / "bench.c", *(_UNITS / name for name in _SHARED)]
-    digest = hashlib.sha256(tables + compiler.encode())
-    for path in (*sources, _BENCH / "bench.h", *sorted(_UNITS.glob("*.h"))):
-        digest.update(path.read_bytes())
+        sources = {name: archive.read(name) for name in archive.namelist() if name.startswith("sources/Flat")}
+    digest = hashlib.sha256(compiler.encode())
+    for content in (*sources.values(), *((_BENCH / name).read_bytes() for name in ("bench.c", "bench.h"))):
+        digest.update(content)
     platform = host_platform()
     library = folder / f"bench-{digest.hexdigest()[:12]}{platform.suffix}"
     if not library.is_file():
         with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
-            written, built = Path(temporary) / "tables.c", Path(temporary) / f"bench{platform.suffix}"
-            written.write_bytes(tables)
-            find_compiler(compiler).build(built, [*sources, written], _UNITS, platform)
+            built = Path(temporary) / f"bench{platform.suffix}"
+            for name, content in sources.items():
+                (Path(temporary) / Path(name).name).write_bytes(content)
+            includes = [Path(temporary), HEADERS]
+            find_compiler(compiler).build(built, [_BENCH / "bench.c"], includes, platform)
             write_whole(library, built.read_bytes())
     loaded = ctypes.CDLL(str(library))
     loaded.bare_feedforward_scratch.restype = ctypes.c_size_t
@@ -57,7 +56,7 @@ def _structure(name: str, sizes: str, numbers: str, arrays: str) -> type[ctypes.
     return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
-_Plant = _structure("_Plant", "states inputs shown", "", "transition outputs x driven held y")
+_Plant = _structure("_Plant", "states inputs output_count", "", "transition outputs x driven held y")
 _Controller = _structure(
     "_Controller",
     "states voltages gauges points",
@@ -72,7 +71,7 @@ class _Feedforward(ctypes.Structure):
         ("begins", ctypes.c_void_p),
         ("starts", ctypes.c_void_p),
         ("durations", ctypes.c_void_p),
-        ("steps", ctypes.c_void_p),
+        ("changes", ctypes.c_void_p),
         ("preview", ctypes.c_double),
         ("begun", ctypes.c_size_t),
         ("ended", ctypes.c_size_t),
@@ -110,7 +109,7 @@ def _plant(m: Matrices, addresses: Mapping[str, int]) -> Any:
     return _Plant(
         states=len(m.transition),
         inputs=m.transition.shape[1] - len(m.transition),
-        shown=len(m.outputs),
+        output_count=len(m.outputs),
         **{name: addresses[name] for name in arrays},
     )
 
@@ -156,7 +155,7 @@ class BareLoops:
                 begins=begins,
                 starts=starts,
                 durations=durations,
-                steps=changes,
+                changes=changes,
                 preview=transitions.preview,
                 scratch=scratch,
                 **{name: addresses[name] for name in ("offset", "u_ff", "x_ref", "y_ref")},

@@ -9,6 +9,8 @@ import numpy as np
 
 from flexbeams.controller.design import compute_design
 from flexbeams.controller.options import DesignOptions
+from flexbeams.fmus.units.beam_plant import BEAM_PLANT
+from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
 from flexbeams.scenarios.bench.arithmetic import matrices_of
 from flexbeams.scenarios.bench.loop_costs import from_rest
@@ -26,7 +28,7 @@ def measure_growth(bench: Workbench, rounds: int, beams: int) -> dict[str, Any]:
     structure = repeat_beams(read_structure(find_structure("kiel")), beams)
     design = compute_design(structure, DesignOptions(reduced_modes=modes, **DESIGN))  # type: ignore[arg-type]
     model = design.model()
-    files = bench.units({"plant": ("BeamPlant", model), "controller": ("TrackingController", model)}, design)
+    files = bench.units({"plant": (BEAM_PLANT, model), "controller": (TRACKING_CONTROLLER, model)}, design)
     matrices = matrices_of(design, model)
     bare = bench.bare(matrices=matrices)
     steps = min(bench.steps, STEPS)

@@ -15,7 +15,6 @@ from flexbeams.scenarios.bench.workbench import Workbench
 
 NUMPY_STEPS = 3_000  # of a unit's recursion in numpy, at most
 REAL_TIME_LIMIT = 2e-4  # s, the sample time
-TRANSITION_SLOTS = 8  # transitions that the feedforward superposes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,10 +6,10 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+from flexbeams.fmus.units.flatness_feedforward import SLOTS
 from flexbeams.scenarios.bench.growth import REDUCED_MODES, measure_growth
 from flexbeams.scenarios.bench.loop_costs import (
     REAL_TIME_LIMIT,
-    TRANSITION_SLOTS,
     closed_loop_costs,
     step_durations,
     superposed_costs,
@@ -38,7 +38,7 @@ def measure(
         partial(unit_costs, bench, rounds),
         partial(closed_loop_costs, bench, rounds),
         partial(superposed_costs, bench, rounds, 1),
-        partial(superposed_costs, bench, rounds, TRANSITION_SLOTS),
+        partial(superposed_costs, bench, rounds, SLOTS),
         partial(step_durations, bench),
         *(partial(measure_growth, bench, rounds, count) for count in beams or REDUCED_MODES),
     ]

@@ -10,7 +10,7 @@ from fmpy import read_model_description
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.signals import Signal
-from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.stepping import NativeStepper
@@ -40,7 +40,7 @@ class Loop:
         for name, file in files.items():
             extracted = folder / file.stem
             if not extracted.exists():
-                Allowance().extract(file, extracted)
+                ExtractionBudget().extract(file, extracted)
             self.instances[name] = UnitInstance(
                 name, extracted, read_model_description(str(extracted), validate=False), lambda text: None
             )
@@ -105,7 +105,7 @@ def replay(rows: Array, step: float) -> Signal:
 def unit_plan(file: Path, folder: Path, arrays: Sequence[str], rows: Array, step: float, recorded: bool) -> Wiring:
     """A unit alone, its inputs `arrays` driven by rows (steps, all their elements), every output read."""
     if not (folder / file.stem).exists():
-        Allowance().extract(file, folder / file.stem)
+        ExtractionBudget().extract(file, folder / file.stem)
     variables = read_model_description(str(folder / file.stem), validate=False).modelVariables
     inputs = [
         v.name for array in arrays for v in variables if v.causality == "input" and v.name.startswith(f"{array}[")

@@ -10,6 +10,8 @@ import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.fmus.units.catalogue import require_kind
+from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence, matrices_of
@@ -46,7 +48,9 @@ class Workbench:
         scenario, draft = prepare_run(path, scenario, self.design, settings, notify)
         self._plan, self._starts, self.step = draft.wiring, draft.starts, draft.step
         self.model = draft.models["plant"]
-        self._files = self.units({n: (str(scenario.instance[n].unit), m) for n, m in draft.models.items()}, self.design)
+        self._files = self.units(
+            {n: (require_kind(str(scenario.instance[n].unit), "unit"), m) for n, m in draft.models.items()}, self.design
+        )
         self._stepper = stepper_library(build_folder, compiler)
         self._library = bare_library(build_folder, compiler, self._files["feedforward"])
         self.matrices = matrices_of(self.design, self.model)
@@ -61,8 +65,8 @@ class Workbench:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def units(self, units: Mapping[str, tuple[str, BeamModel]], design: Design) -> dict[str, Path]:
-        """FMUs by instance, for unit and model of each; missing ones are built."""
+    def units(self, units: Mapping[str, tuple[UnitKind, BeamModel]], design: Design) -> dict[str, Path]:
+        """FMUs by instance, for kind and model of each; missing ones are built."""
         return ensure_units(units, design, self._build, self._notify, compiler=self.compiler)
 
     def bare(self, transitions: TransitionSequence | None = None, matrices: Matrices | None = None) -> BareLoops:

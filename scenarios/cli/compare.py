@@ -22,8 +22,8 @@ def compare(runs: tuple[Path, ...], out: Path) -> int:
     Prints checks and metrics side by side and writes the signals that all runs recorded as a page and a figure.
     """
     from flexbeams.scenarios.cli.comparison_tables import show_comparison
-    from flexbeams.scenarios.report.comparison import compare as read_runs
     from flexbeams.scenarios.report.comparison import write_comparison
+    from flexbeams.scenarios.results.compare import compare as read_runs
 
     comparison = read_runs(list(runs))
     if comparison.left_out:

@@ -4,7 +4,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from flexbeams.scenarios.cli.tables import console
-from flexbeams.scenarios.report.comparison import Comparison, check_table, fact_table, metric_table
+from flexbeams.scenarios.results.compare import Comparison, check_table, fact_table, metric_table
 
 _MARKS = {"holds": " [green]ok[/]", "failed": " [red bold]FAILED[/]", "": ""}
 

@@ -18,6 +18,14 @@ KINDS = {
     "container": ("flexbeams.scenarios.exporting.container:export_container", ".fmu"),
 }
 
+# Options of single formats
+FORMATS_OF = {
+    "ssp_version": ("ssp",),
+    "parts": ("closed-loop",),
+    "with_signals": ("closed-loop",),
+    "flags_as_real": ("ssp", "ospsystem", "closed-loop"),
+}
+
 
 @click.command()
 @click.argument("scenario", metavar="SCENARIO")
@@ -25,9 +33,8 @@ KINDS = {
     "--format",
     "kind",
     type=click.Choice(list(KINDS)),
-    default="ssp",
-    show_default=True,
-    help="ssp: an SSP 1.0 package with units, connections, signals and start values. "
+    help="By default the format of the suffix of FILE, else ssp. "
+    "ssp: an SSP package with units, connections, signals and start values. "
     "ospsystem: a folder (or .zip) with OspSystemStructure.xml and the units, for tools of the Open "
     "Simulation Platform. "
     "closed-loop: one FMU that holds all units and their wiring; the signals stay outside. "
@@ -61,19 +68,60 @@ KINDS = {
     metavar="UNIT.VARIABLE=VALUE",
     help="Set a start value or parameter, as for `flexbeams run`; it is built into the unit. Repeatable.",
 )
+@click.option(
+    "--ssp-version",
+    type=click.Choice(["1.0", "2.0"]),
+    help="For ssp: 1.0 (default), or 2.0 for tools that read nothing else (Xcos).",
+)
+@click.option(
+    "--parts",
+    callback=lambda context, parameter, text: tuple(p.strip() for p in text.split(",")) if text else (),
+    metavar="A,B",
+    help="For closed-loop: only these units of the scenario; what the others drive are inputs of the unit.",
+)
+@click.option(
+    "--with-signals",
+    is_flag=True,
+    help="For closed-loop: the scenario's signals inside. Else they are in the CSV file <FILE>_in.csv.",
+)
+@click.option("--flags-as-real", is_flag=True, help="Boolean outputs as Real, 0 or 1, for hosts that know only Real.")
 @click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s.")
 @click.option("--step", type=POSITIVE, metavar="S", help="Communication step in s.")
-def export(scenario: str, kind: str, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:
+def export(scenario: str, kind: str | None, out: Path | None, platforms: tuple[str, ...], **options: Any) -> int:
     """Write a scenario for other tools: the closed loop, complete in one file or folder."""
     from flexbeams.scenarios.definition.settings import Settings
 
-    place, suffix = KINDS[kind]
-    module, _, function = place.partition(":")
+    kind = kind or _format_of(out, options)
+    extra = _own_options(kind, options)
+    path, suffix = KINDS[kind]
+    module, _, function = path.partition(":")
     file = out or Path(f"{Path(scenario).stem}{suffix}")
     if suffix.startswith(".") and exists(file) and not isfile(file):
         raise click.BadParameter("must be a regular file or a new path", param_hint="--out")
     if kind == "ospsystem" and not file.name:
         raise click.BadParameter("must be a folder, or FILE.zip", param_hint="--out")
     write = getattr(import_module(module), function)
-    click.echo(write(scenario, file, Settings(record_animation=False, **options), platforms, note))
+    click.echo(write(scenario, file, Settings(record_animation=False, **options), platforms, note, **extra))
     return 0
+
+
+def _format_of(out: Path | None, options: dict[str, Any]) -> str:
+    """By an option that only one format has, else by the suffix of the file; ssp where neither tells."""
+    for name, formats in FORMATS_OF.items():
+        if options[name] and len(formats) == 1:
+            return formats[0]
+    return {".fmu": "closed-loop"}.get(out.suffix.lower() if out else "", "ssp")
+
+
+def _own_options(kind: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Takes the options of single formats out of `options`; those given must be of this format."""
+    extra = {}
+    for name, formats in FORMATS_OF.items():
+        if not (value := options.pop(name)):
+            continue
+        if kind not in formats:
+            raise click.BadParameter(
+                f"belongs to --format {' or '.join(formats)}, not {kind}", param_hint=f"--{name.replace('_', '-')}"
+            )
+        extra[name] = value
+    return extra

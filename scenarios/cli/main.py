@@ -14,7 +14,7 @@ from flexbeams.plant.errors import FlexbeamsError, InputError
 from flexbeams.scenarios.cli.bench import bench
 from flexbeams.scenarios.cli.compare import compare
 from flexbeams.scenarios.cli.export import export
-from flexbeams.scenarios.cli.options import BASES, UNIT_NAMES, compiler_option, note, structure_option
+from flexbeams.scenarios.cli.options import BASES, compiler_option, note, structure_option
 from flexbeams.scenarios.cli.run import run
 
 
@@ -111,17 +111,14 @@ def build(
     from flexbeams.controller.design import compute_design
     from flexbeams.controller.options import DesignOptions
     from flexbeams.fmus.packaging.build import BACKENDS, build_units
-    from flexbeams.plant.errors import suggestion
+    from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
     from flexbeams.plant.structure import find_structure, read_structure
 
-    for name in units:
-        if name not in UNIT_NAMES:
-            raise InputError("UNIT", "is not a unit" + suggestion(name, UNIT_NAMES), name)
+    kinds = [require_kind(name, "UNIT") for name in dict.fromkeys(units)] or CATALOGUE
     finished = compute_design(read_structure(_structure_path(find_structure, structure)), DesignOptions(basis=basis))  # type: ignore[arg-type]
-    names = list(dict.fromkeys(units)) or list(UNIT_NAMES)
     for kernel in (k for k in BACKENDS if backend in (k, "all")):
         for path in build_units(
-            names, finished, finished.model(), out, backend=kernel, platforms=platforms, compiler=compiler
+            kinds, finished, finished.model(), out, backend=kernel, platforms=platforms, compiler=compiler
         ):
             click.echo(path)
 
@@ -154,7 +151,7 @@ def validate(files: tuple[Path, ...], runs: bool) -> int:
     FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF). Packages: the SSP 1.0 schemas,
     connectors, units, start values, and the FMUs inside.
     """
-    from flexbeams.scenarios.importing.ssp import is_package
+    from flexbeams.scenarios.importing.package import is_package
     from flexbeams.scenarios.validation.package import package_problems, unit_problems
     from flexbeams.scenarios.validation.references import reference_checks
 

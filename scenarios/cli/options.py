@@ -25,7 +25,6 @@ class Positive(click.FloatRange):
 
 
 POSITIVE = Positive()
-UNIT_NAMES = ("BeamPlant", "FlatnessFeedforward", "TrackingController")
 
 structure_option = click.option(
     "--structure", metavar="FILE", help="Structure file, or a shipped one by name (kiel, single_beam, five_beams)."

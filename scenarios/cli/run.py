@@ -130,7 +130,7 @@ def run(
             beside = stack.enter_context(FigureProcess())
         from flexbeams.scenarios.definition.schema import find_scenario, read_scenario
         from flexbeams.scenarios.definition.settings import Settings
-        from flexbeams.scenarios.importing.ssp import is_package
+        from flexbeams.scenarios.importing.package import is_package
         from flexbeams.scenarios.results.formats import require_formats
         from flexbeams.scenarios.runs.job import Job, run_job
         from flexbeams.scenarios.runs.package import require_package

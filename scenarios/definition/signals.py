@@ -5,7 +5,7 @@ Piecewise constant signals are continuous from the right.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os.path import isfile
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from flexbeams.scenarios.definition.schema import Chirp, Input, PseudoRandom, Pu
 from flexbeams.scenarios.definition.time_table import read_time_table
 
 EARLY = 1e-9  # s
+IMPULSE_TOLERANCE = 0.05  # share of a pulse's impulse that its samples may miss
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,7 @@ def signal_of(drive: Input, folder: Path) -> Signal:
     if drive.pseudo_random:
         return _binary(drive.pseudo_random) if drive.pseudo_random.kind == "binary" else _levels(drive.pseudo_random)
     if drive.table:
-        return _table(drive.table, folder)
+        return _table(drive, drive.table, folder)
     if drive.targets:
         return _targets(drive.targets)
     assert drive.constant is not None
@@ -48,6 +49,8 @@ def signal_of(drive: Input, folder: Path) -> Signal:
 
 def require_sampled(drive: Input, step: float) -> None:
     """InputError for a signal faster than steps of `step` s can show."""
+    if drive.pulse:
+        _require_impulse(drive.pulse, step)
     if drive.chirp:
         for key in ("start_frequency", "stop_frequency"):
             if getattr(drive.chirp, key) * step > 0.5:
@@ -56,6 +59,22 @@ def require_sampled(drive: Input, step: float) -> None:
                 )
     if drive.pseudo_random and drive.pseudo_random.hold < step - EARLY:
         raise InputError("pseudo_random.hold", f"must be at least the step of {step:g} s", drive.pseudo_random.hold)
+
+
+def _require_impulse(pulse: Pulse, step: float) -> None:
+    """InputError where samples held over steps of `step` s miss the impulse by more than IMPULSE_TOLERANCE."""
+    if pulse.duration >= 20 * step:  # off by 0.2 % at most
+        return
+    first = np.floor(pulse.time / step)
+    times = step * (first + np.arange(int(np.ceil(pulse.duration / step)) + 2))
+    unit = replace(pulse, impulse=1.0)
+    kept = step * float(_pulse(unit).sample(times).sum())
+    if abs(kept - 1.0) > IMPULSE_TOLERANCE:
+        raise InputError(
+            "pulse.duration",
+            f"must be at least 8 steps of {step:g} s, whose samples here carry {100 * kept:.3g} % of the impulse",
+            pulse.duration,
+        )
 
 
 def _row(value: float | list[float]) -> Array:
@@ -149,21 +168,25 @@ def _levels(signal: PseudoRandom) -> Signal:
     return _held(signal, levels)
 
 
-def table_rows(table: Table, folder: Path) -> Array:
-    """Time (s) and the columns chosen, (rows, 1 + width); the file is relative to `folder`."""
+def table_rows(table: Table, to: str, folder: Path) -> Array:
+    """Time (s) and the columns chosen, (rows, 1 + width); the file is relative to `folder`.
+
+    Without a choice, columns named like the elements of the input `to` go to these elements, whatever their order in
+    the file; columns with other names go by their order.
+    """
     path = folder / table.file
     if not isfile(path):
         raise InputError("table.file", "must be a file", str(path))
     rows = read_time_table(path)
     try:
-        values = rows.values if table.columns is None else rows.select(table.columns)
+        values = rows.elements_of(to) if table.columns is None else rows.select(table.columns)
     except InputError as error:
         raise error.at("", "table.") from None
     return np.column_stack([rows.time, values])
 
 
-def _table(table: Table, folder: Path) -> Signal:
-    rows = table_rows(table, folder)
+def _table(drive: Input, table: Table, folder: Path) -> Signal:
+    rows = table_rows(table, drive.to, folder)
     times, values = rows[:, 0], rows[:, 1:]
 
     def hold(time: Array) -> Array:

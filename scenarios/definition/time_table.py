@@ -1,6 +1,7 @@
-"""Signals measured elsewhere: a CSV file with the time in its first column."""
+"""Signals measured elsewhere: a CSV file with a column of times."""
 
 import csv
+import re
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -22,21 +23,48 @@ class TimeTable:
     def select(self, names: list[str]) -> Array:
         """The columns named, (rows, k); a name also stands for all its elements name[1], name[2] ... in order.
 
-        Raises InputError for a name that the header has not.
+        Raises InputError for a name that the header does not have.
         """
-        places: list[int] = []
+        chosen: list[int] = []
         for name in names:
-            found = [k for k, c in enumerate(self.columns) if c == name or c.startswith(f"{name}[")]
-            if not found:
+            matches = [k for k, c in enumerate(self.columns) if c == name or c.startswith(f"{name}[")]
+            if not matches:
                 raise InputError("columns", "names no column of the file" + suggestion(name, self.columns), name)
-            places += found
-        return self.values[:, places]
+            chosen += sorted(matches, key=lambda k: element_index(self.columns[k]))
+        return self.values[:, chosen]
+
+    def elements_of(self, variable: str) -> Array:
+        """All columns, (rows, k), for the elements of an input "instance.name": by number where the header names them.
+
+        Elements are named name[2] or instance.name[2]. Raises InputError where only some columns are named so, or an
+        element is missing.
+        """
+        owner, _, name = variable.partition(".")
+        own = [c.removeprefix(f"{owner}.") for c in self.columns]
+        named = [c == name or (c.startswith(f"{name}[") and bool(element_index(c))) for c in own]
+        if not any(named):
+            return self.values
+        if not all(named):
+            other = self.columns[named.index(False)]
+            raise InputError("columns", f"must choose columns: some of the file belong to {variable}, not", other)
+        order = sorted(range(len(own)), key=lambda k: element_index(own[k]))
+        numbers = [element_index(own[k]) for k in order]
+        if len(own) > 1 and numbers != [(k,) for k in range(1, len(own) + 1)]:
+            raise InputError("columns", f"must have one column for each element of {variable}", ", ".join(self.columns))
+        return self.values[:, order]
+
+
+def element_index(name: str) -> tuple[int, ...]:
+    """The index of an element, (2, 10) of w[2,10]; empty for a name without one."""
+    match = re.fullmatch(r"[^\[\]]*\[([0-9]+(?:,[0-9]+)*)\]", name)
+    return tuple(map(int, match[1].split(","))) if match else ()
 
 
 def read_time_table(path: Path, jumps: bool = False) -> TimeTable:
-    """A CSV file (commas, a header row, the time in s first), checked; InputError names file, row and column.
+    """A CSV file (commas, a header row), checked; InputError names file, row and column.
 
-    With `jumps` several rows may have one time.
+    The time (s) is the column called time, or the first one where no column has that name. With `jumps` several rows
+    may have one time.
     """
     source = str(path)
     try:
@@ -65,35 +93,48 @@ def read_time_table(path: Path, jumps: bool = False) -> TimeTable:
         raise InputError(f"row {number}", "must be a header that names the columns", ",".join(header), source=source)
     if len(rows) < 2:
         raise InputError("", "must have at least one row below the header", source=source)
+    clock = _time_column(header, number, source)
     table = np.array([_numbers(row, number, header, source) for number, row in rows[1:]])
-    apart = np.diff(table[:, 0])
+    times = table[:, clock]
+    apart = np.diff(times)
     late = np.flatnonzero(apart < 0 if jumps else apart <= 0)
     if len(late):
         number, row = rows[late[0] + 2]
         raise InputError(
-            f"row {number}, column {header[0]!r}",
-            f"must be {'>=' if jumps else '>'} {table[late[0], 0]:g}, the time of the row before",
-            float(row[0]),
+            f"row {number}, column {header[clock]!r}",
+            f"must be {'>=' if jumps else '>'} {times[late[0]]:g}, the time of the row before",
+            float(row[clock]),
             source=source,
         )
-    return TimeTable(time=table[:, 0], columns=header[1:], values=table[:, 1:])
+    others = [k for k in range(len(header)) if k != clock]
+    return TimeTable(time=times, columns=[header[k] for k in others], values=table[:, others])
+
+
+def _time_column(header: list[str], number: int, source: str) -> int:
+    """The index of the column of times."""
+    clocks = [k for k, name in enumerate(header) if name.casefold() in ("time", "t")]
+    exact = [k for k in clocks if header[k] == "time"]
+    clocks = exact or clocks
+    if len(clocks) > 1:
+        raise InputError(
+            f"row {number}", "must name one column time", ", ".join(header[k] for k in clocks), source=source
+        )
+    return clocks[0] if clocks else 0
 
 
 def _numbers(row: list[str], number: int, header: list[str], source: str) -> list[float]:
     if len(row) != len(header):
         raise InputError(f"row {number}", f"must have {len(header)} columns as the header", len(row), source=source)
-    try:
-        values = [float(cell) for cell in row]
-    except ValueError:
-        values = []
-    if not values or not all(map(isfinite, values)):
+    values = [float(cell) for cell in row] if all(map(_is_number, row)) else []
+    if not values:
         k = next(k for k, cell in enumerate(row) if not _is_number(cell))
         raise InputError(f"row {number}, column {header[k]!r}", "must be a finite number", row[k], source=source)
     return values
 
 
+_NUMBER = re.compile(r"\s*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\s*", re.ASCII)
+
+
 def _is_number(text: str) -> bool:
-    try:
-        return isfinite(float(text))
-    except ValueError:
-        return False
+    """Whether a cell is a finite decimal number; digits of other scripts and 1_000, which float() takes, are none."""
+    return _NUMBER.fullmatch(text) is not None and isfinite(float(text))

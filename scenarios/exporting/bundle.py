@@ -9,13 +9,14 @@ from typing import Any
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
-from flexbeams.fmus.units.signal_source import signal_source, source_data
+from flexbeams.fmus.units.catalogue import require_kind
+from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE, source_data, source_interface
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Coupling, Scenario, find_scenario, first_comment
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.links import Link
 from flexbeams.scenarios.exporting.source_signals import source_signals
-from flexbeams.scenarios.importing.extraction import unit_description
+from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run
 from flexbeams.scenarios.runs.scenario import prepare
 
@@ -42,6 +43,8 @@ def build_bundle(
     settings: Settings,
     platforms: Sequence[str] = ("host",),
     notify: Callable[[str], None] = lambda text: None,
+    *,
+    flags_as_real: bool = False,
 ) -> ExportBundle:
     """Builds a scenario's units into `folder`.
 
@@ -57,13 +60,13 @@ def build_bundle(
         if declared.unit is None:
             files[instance].write_bytes(_provided_fmu(path, instance, str(declared.fmu), draft).read_bytes())
             continue
-        units.append(
-            native_unit(declared.unit, design, draft.models[instance], files[instance], draft.starts[instance])
-        )
-    source, driven = _source(path, scenario, draft, folder / "SignalSource.fmu")
+        kind = require_kind(declared.unit, f"instance.{instance}.unit")
+        unit = native_unit(kind, design, draft.models[instance], files[instance], draft.starts[instance])
+        units.append(unit.with_real_flags() if flags_as_real else unit)
+    source, driven = _source(path, scenario, draft, folder / f"{SIGNAL_SOURCE.name}.fmu")
     if driven:
         units.append(source)
-        files[_source_name(scenario)] = source.out
+        files[source_name(scenario)] = source.out
     notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
     build_native_units(units, platforms, settings.compiler, version=version("flexbeams"))
     return ExportBundle(
@@ -71,7 +74,7 @@ def build_bundle(
         description=first_comment(path) or scenario.title,
         units={n: unit_description(file, "FMU", str(path)) for n, file in files.items()},
         files=files,
-        links=_links(draft, driven, _source_name(scenario)),
+        links=_links(draft, driven, source_name(scenario)),
         stop_time=scenario.stop_time,
         step=draft.step,
         coupling=scenario.coupling,
@@ -102,7 +105,8 @@ def _file_name(scenario: Scenario, instance: str) -> str:
     return unit if unit != "FMU" and kinds.count(unit) == 1 else f"{unit}_{instance}"
 
 
-def _source_name(scenario: Scenario) -> str:
+def source_name(scenario: Scenario) -> str:
+    """The component of the external signals: a name that no instance has."""
     name = SOURCE
     while name in scenario.instance:
         name += "_"
@@ -119,11 +123,11 @@ def _source(path: Path, scenario: Scenario, draft: PreparedRun, out: Path) -> tu
         set(draft.wiring.links()),
     )
     try:
-        interface = signal_source(signals, draft.step, scenario.stop_time)
+        interface = source_interface(signals, draft.step, scenario.stop_time)
     except InterfaceError as error:  # inputs of third-party units whose names cannot be those of outputs
         raise InputError("input", str(error), source=str(path)) from None
-    data, meta = source_data(interface, signals)
-    return NativeUnit(interface=interface, data=data, meta=meta, out=out), driven
+    data = source_data(interface, signals)
+    return NativeUnit(kind=SIGNAL_SOURCE, interface=interface, data=data, out=out), driven
 
 
 def _links(draft: PreparedRun, driven: Mapping[str, str], source: str) -> list[Link]:

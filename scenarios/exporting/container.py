@@ -16,13 +16,15 @@ from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from xml.etree import ElementTree
 
-from flexbeams.fmus.documents.closed_loop_page import Block, loop_picture
+from flexbeams.fmus.documents.closed_loop_page import loop_picture
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.documents.documentation import html_page, table
-from flexbeams.fmus.documents.picture import signals
+from flexbeams.fmus.documents.picture import array_labels
+from flexbeams.fmus.documents.terminals import PATH as TERMINALS
+from flexbeams.fmus.documents.terminals import terminals_document
 from flexbeams.fmus.documents.xml_documents import xml_bytes
 from flexbeams.fmus.errors import BuildError, InterfaceError
-from flexbeams.fmus.interface.variables import Interface, Variable, time_variable
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable
 from flexbeams.fmus.packaging.compilers import Platform, chosen_platforms
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
@@ -73,7 +75,7 @@ def export_container(
     guid = content_guid(_description(interface, references, parts, tool, ""), *(entries[n] for n in sorted(entries)))
     entries["modelDescription.xml"] = _description(interface, references, parts, tool, guid)
     write_whole(out, zip_bytes(entries))
-    if driven := signals(interface, "input"):
+    if driven := array_labels(interface, "input"):
         notify(f"the host drives {', '.join(driven)}")
     return out
 
@@ -125,7 +127,7 @@ def _interface(plan: ContainerPlan, parts: Mapping[str, Part], links: Mapping[st
         stop_time=scenario.stop_time,
         description=f"{about}. Units inside: {', '.join(parts)}; steps of {draft.step:g} s, {scenario.coupling} "
         "coupling; the host drives the inputs",
-        variables=(time_variable, *variables),
+        variables=(TIME, *variables),
         needs_execution_tool=any(d.needsExecutionTool for d in descriptions),
         can_be_instantiated_only_once=any(d.canBeInstantiatedOnlyOncePerProcess for d in descriptions),
         cannot_use_memory_management=True,
@@ -222,7 +224,7 @@ def _description(
 def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[str, str]) -> dict[str, bytes]:
     """Page, picture and licences."""
     arrays = dict.fromkeys((_INDEX.sub("", source), _INDEX.sub("", to)) for to, source in links.items())
-    picture = loop_picture(interface, [Block(name=n, unit=part.unit) for n, part in parts.items()], list(arrays))
+    picture = loop_picture(interface, {n: part.unit for n, part in parts.items()}, list(arrays))
     licence = distribution(PACKAGE).read_text("licenses/LICENSE.txt") or ""
     ours = Path(__file__).parents[2] / "fmus/native/LICENSE"
     title = escape(interface.unit_name)
@@ -243,7 +245,8 @@ def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[s
             "<p>The units are complete FMUs with sources and documentation. State cannot be saved and restored.</p>",
         ],
     )
-    return {
+    terminals = terminals_document(interface)
+    return ({} if terminals is None else {TERMINALS: terminals}) | {
         "model.png": picture,
         "documentation/index.html": page.encode(),
         "documentation/licenses/LICENSE": ours.read_bytes(),

@@ -14,6 +14,7 @@ from flexbeams.fmus.interface.variables import Variable
 from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.compilers import Platform
 from flexbeams.fmus.packaging.native import build_native_units
+from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.runs.prepare import PreparedRun
@@ -58,7 +59,8 @@ def build_parts(
                 variables=_provided_variables(instance, description, draft.wiring.columns, path),
             )
             continue
-        units.append(native_unit(declared.unit, plan.design, draft.models[instance], file, draft.starts[instance]))
+        kind = require_kind(declared.unit, f"instance.{instance}.unit")
+        units.append(native_unit(kind, plan.design, draft.models[instance], file, draft.starts[instance]))
         parts[instance] = Part(unit=declared.unit, variables=units[-1].interface.variables)
     if units:
         notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")

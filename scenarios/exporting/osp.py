@@ -22,6 +22,8 @@ def export_osp(
     settings: Settings,
     platforms: Sequence[str] = ("host",),
     notify: Callable[[str], None] = lambda text: None,
+    *,
+    flags_as_real: bool = False,
 ) -> Path:
     """Writes a scenario into a folder, or into FILE.zip; raises the same errors as `build_bundle`.
 
@@ -31,7 +33,7 @@ def export_osp(
     if out.exists() and out.is_dir() == archived:
         raise InputError("--out", "must be a folder, or FILE.zip", str(out))
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        bundle = build_bundle(name, Path(folder), settings, platforms, notify)
+        bundle = build_bundle(name, Path(folder), settings, platforms, notify, flags_as_real=flags_as_real)
         entries = {file.name: file.read_bytes() for file in bundle.files.values()}
     entries[FILE] = system_document(bundle)
     if archived:

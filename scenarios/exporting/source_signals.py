@@ -28,17 +28,28 @@ class DrivenInputs:
 
 
 def source_signals(
-    scenario: Scenario, folder: Path, variables: Variables, starts: Starts, connected: Collection[str]
+    scenario: Scenario,
+    folder: Path,
+    variables: Variables,
+    starts: Starts,
+    connected: Collection[str],
+    open_arrays: bool = True,
 ) -> tuple[list[SourceSignal], dict[str, str]]:
     """Signals that drive every Real input that is not `connected`, and the output by <instance>.<input>.
 
     Inputs that the scenario leaves open get a constant, their start value: some tools set an input that nothing
-    drives to zero or to the value of another. `variables` and `starts` are by instance; files of tables are relative
+    drives to zero or to the value of another. Without `open_arrays` they do so only within arrays that a signal
+    drives in part. `variables` and `starts` are by instance; files of tables are relative
     to `folder`.
     """
     groups = [*_scenario_inputs(scenario, variables)]
     driven = {f"{group.owner}.{name}" for group in groups for name in group.names}
-    groups += _open_inputs(variables, driven | set(connected))
+    arrays = {name.partition("[")[0] for name in driven}
+    groups += [
+        group
+        for group in _open_inputs(variables, driven | set(connected))
+        if open_arrays or f"{group.owner}.{group.names[0]}".partition("[")[0] in arrays
+    ]
     outputs = _output_names([f"{group.owner}.{name}" for group in groups for name in group.names])
     return [_source_signal(group, outputs, folder, variables, starts) for group in groups], outputs
 
@@ -113,7 +124,7 @@ def _content(drive: Input, folder: Path) -> tuple[Any, int, dict[str, Any]]:
     if drive.pseudo_random:
         return _pseudo_random(drive.pseudo_random)
     if drive.table:
-        rows = table_rows(drive.table, folder)
+        rows = table_rows(drive.table, drive.to, folder)
         kind = "held_table" if drive.table.hold == "zero" else "joined_table"
         return kind, rows.shape[1] - 1, {"table": rows}
     if drive.targets:

@@ -4,6 +4,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 
 from flexbeams.fmus.documents.xml_documents import SSC, SSD, SSV, add_units, unit_attribute, xml_bytes
+from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE
 from flexbeams.scenarios.exporting.bundle import ExportBundle, parameters_of
 from flexbeams.scenarios.exporting.diagram import Diagram, arrange
 
@@ -64,7 +65,7 @@ def _connectors(unit: Any, causality: str) -> list[Any]:
 
 def _diagram(bundle: ExportBundle, ports: Ports) -> Diagram:
     """The source of signals on the left, then the units in the order in which they step."""
-    first = [name for name, unit in bundle.units.items() if unit.modelName == "SignalSource"]
+    first = [name for name, unit in bundle.units.items() if unit.modelName == SIGNAL_SOURCE.name]
     names = {
         name: ([v.name for v in ports[name][0]], [v.name for v in ports[name][1]])
         for name in dict.fromkeys([*first, *bundle.units])

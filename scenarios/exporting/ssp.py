@@ -19,10 +19,11 @@ def export_ssp(
     notify: Callable[[str], None] = lambda text: None,
     *,
     ssp_version: SspVersion = "1.0",
+    flags_as_real: bool = False,
 ) -> Path:
     """Writes a scenario as FILE.ssp; raises the same errors as `build_bundle`. Equal arguments give equal bytes."""
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        bundle = build_bundle(name, Path(folder), settings, platforms, notify)
+        bundle = build_bundle(name, Path(folder), settings, platforms, notify, flags_as_real=flags_as_real)
         entries = {fmu_path(bundle, component): file.read_bytes() for component, file in bundle.files.items()}
     write_whole(out, zip_bytes(entries | package_documents(bundle, ssp_version)))
     return out

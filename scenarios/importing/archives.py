@@ -1,4 +1,4 @@
-"""FMUs and SSPs of others: checked before anything is written, extracted inside one folder and nowhere else."""
+"""Third-party FMUs and SSPs: checked before anything is written, extracted inside one folder and nowhere else."""
 
 import re
 import stat
@@ -14,15 +14,15 @@ _STORED_AS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfi
 
 
 @dataclass(kw_only=True)
-class Allowance:
-    """What may still be extracted; archives inside one another share it."""
+class ExtractionBudget:
+    """What may still be extracted; archives inside one another share one budget."""
 
     entries: int = 20_000
     size: int = 1 << 30  # bytes, uncompressed
     ratio: float = 200.0  # uncompressed by compressed size, of entries larger than a chunk
 
     def check(self, path: Path) -> list[zipfile.ZipInfo]:
-        """The entries of an archive that keeps to the rules; InputError for one that does not."""
+        """The entries of an archive; InputError where it breaks a rule."""
         source = str(path)
         try:
             with zipfile.ZipFile(path) as archive:
@@ -54,9 +54,9 @@ class Allowance:
         return entries
 
     def extract(self, path: Path, folder: Path, parts: tuple[str, ...] = ("",)) -> Path:
-        """All entries below `folder`, which is made; InputError for an archive that breaks the rules or is damaged.
+        """Extracts all entries to the new folder `folder`; InputError for an archive that breaks a rule or is damaged.
 
-        Entries whose paths begin with none of `parts` are checked, and left where they are.
+        Entries whose paths begin with none of `parts` are checked but not extracted.
         """
         entries = self.check(path)
         folder.mkdir(parents=True)
@@ -80,7 +80,7 @@ class Allowance:
 
 
 def _checked_name(entry: zipfile.ZipInfo, source: str) -> PurePosixPath:
-    """Where an entry goes, relative to the folder."""
+    """Path of an entry, relative to the folder."""
     name, raw = entry.filename, entry.orig_filename
     path = PurePosixPath(name)
     if (
@@ -108,7 +108,7 @@ def _is_folder(entries: list[zipfile.ZipInfo], path: PurePosixPath) -> bool:
 
 
 def _write(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> None:
-    """One entry; what an archive says of its size holds, or it counts as damaged."""
+    """Extracts one entry; one of another size than the archive states counts as damaged."""
     target = folder.joinpath(*PurePosixPath(entry.filename).parts)
     if entry.is_dir():
         target.mkdir(parents=True, exist_ok=True)
@@ -119,7 +119,7 @@ def _write(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> No
         while chunk := content.read(CHUNK):
             written += len(chunk)
             if written > entry.file_size:
-                raise zipfile.BadZipFile(f"{entry.filename} is longer than it says")
+                raise zipfile.BadZipFile(f"{entry.filename} is longer than stated")
             file.write(chunk)
     if written != entry.file_size:
-        raise zipfile.BadZipFile(f"{entry.filename} is shorter than it says")
+        raise zipfile.BadZipFile(f"{entry.filename} is shorter than stated")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.importing.documents import read_document
+from flexbeams.scenarios.importing.xml_reading import read_document
 
 OSP_STRUCTURE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 

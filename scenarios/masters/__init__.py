@@ -1,1 +1,1 @@
-"""Co-simulation masters of others, each running an exported package as it is."""
+"""Third-party co-simulation masters, each running an exported package unchanged."""

@@ -1,4 +1,4 @@
-"""The masters by name, and whether they are here."""
+"""The masters by name, and whether they are installed."""
 
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -15,7 +15,7 @@ MASTERS = {
 
 
 def find_master(name: str) -> Master:
-    """A master by name, the runner among them; InputError for an unknown one."""
+    """A master or the runner by name; InputError for an unknown name."""
     known = {**MASTERS, RUNNER.name: RUNNER}
     if name not in known:
         raise InputError("master", f"must be a known one{suggestion(name, known)}", name)
@@ -23,7 +23,7 @@ def find_master(name: str) -> Master:
 
 
 def installed_version(master: Master) -> str | None:
-    """The version that is installed; None where it is not."""
+    """The installed version; None where it is not installed."""
     try:
         return version(master.distribution) if find_spec(master.module) is not None else None
     except (PackageNotFoundError, ModuleNotFoundError):

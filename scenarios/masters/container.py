@@ -1,4 +1,4 @@
-"""FMUContainer of fmu-manipulation-toolbox: makes an FMU of the SSP, whose C library steps units and then exchanges."""
+"""FMUContainer of fmu-manipulation-toolbox: makes an FMU of the SSP whose C library steps all units, then exchanges."""
 
 import logging
 import shutil
@@ -18,44 +18,46 @@ from flexbeams.scenarios.simulation.instance import UnitInstance
 FAULTS = (
     Fault(
         name="no outputs",
-        what="The container of an SSP shows no output of its units. Those to record are added to "
-        "what was read, before the container is made.",
+        description="The container of an SSP exposes no output of its units.",
+        remedy="The outputs to record are added before the container is made.",
     ),
     Fault(
-        name="lost names",
-        what="Components go by the names of their files. They are told apart by their order, which is the package's.",
+        name="components renamed",
+        description="Components are named after their files.",
+        remedy="They are identified by their order, which is the package's.",
     ),
     Fault(
-        name="names twice",
-        what="A connection is a local variable named after the file in small letters, which may "
-        "be a component's name too. Of two variables of a name the last is the output.",
+        name="duplicate names",
+        description="A connection becomes a local variable whose name may also be that of a component.",
+        remedy="Of two variables of one name the last is the output.",
     ),
     Fault(
-        name="deaf to the package",
-        what="Parameter sets and the step of the package are ignored. Start values are "
-        "the units' own anyway; the step is handed over.",
+        name="ignores parameter sets",
+        description="Parameter sets and the step of the package are ignored.",
+        remedy="Start values are built into the units; the step is passed.",
     ),
     Fault(
-        name="units beside the package",
-        what="The package is unpacked where it lies, and its units are then looked "
-        "for in the working folder. It is copied to a folder that is removed.",
+        name="extracts beside the package",
+        description="The package is extracted beside itself, and its units are then looked up in the working folder.",
+        remedy="It is copied to a folder that is removed.",
     ),
     Fault(
         name="no reason",
-        what="Why a unit refuses a call is lost, messages arrive as an unfilled `%s`. That it does so is noticed.",
+        description="The reason for a refused call is lost: messages arrive as an unfilled `%s`.",
+        remedy="None; the refusal itself is reported.",
     ),
 )
 
 
 class ContainerError(FlexbeamsError):
-    """A package cannot be made a container, or the container not be loaded."""
+    """A package cannot be converted to a container, or the container cannot be loaded."""
 
 
 def simulate(task: Task) -> Trace:
-    """Runs an SSP; recording takes a call a step."""
+    """Runs an SSP; recording costs one call a step."""
     from fmu_manipulation_toolbox import assembly  # noqa: F401  (not part of the loading)
 
-    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)  # it raises what matters
+    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.CRITICAL)  # it raises errors
     begin = time.perf_counter()
     with private_folder() as folder, _loaded(_container(task, folder), folder / "container") as unit:
         row = np.zeros(len(task.signals))
@@ -97,7 +99,7 @@ def _container(task: Task, folder: Path) -> Path:
             assembly.root.add_output(units[component], variable, signal)
         assembly.make_fmu()
     except (AssemblyError, FMUContainerError, FMUError) as error:
-        raise ContainerError(f"{task.file.name} cannot be made a container: {error.reason}") from None
+        raise ContainerError(f"{task.file.name} cannot be converted to a container: {error.reason}") from None
     return folder / "package.fmu"
 
 
@@ -115,7 +117,7 @@ MASTER = Master(
     distribution="fmu-manipulation-toolbox",
     module="fmu_manipulation_toolbox",
     coupling="jacobi",
-    late=False,
+    delayed_start=False,
     faults=FAULTS,
     simulate=simulate,
 )

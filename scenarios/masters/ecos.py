@@ -1,4 +1,4 @@
-"""Ecos by ecospy: reads the SSP itself, steps units on several threads and then passes values on."""
+"""Ecos by ecospy: reads the SSP itself, steps the units on threads, then transfers the values."""
 
 import ctypes
 import time
@@ -16,40 +16,43 @@ _TBB = "libtbb.so.12"
 FAULTS = (
     Fault(
         name="missing library",
-        what="On Linux it needs libtbb.so.12, which it does not bring along. The one of the "
-        "wheel `tbb` is loaded first, where the system has none.",
+        description="On Linux it needs libtbb.so.12, which it does not include.",
+        remedy="The library of the wheel `tbb` is loaded first where the system has none.",
     ),
     Fault(
         name="six decimals",
-        what="Its CSV files hold six decimals, four digits of a deflection. Values are read "
-        "after every step by get_real, which is exact.",
+        description="Its CSV files hold six decimals, four digits of a deflection.",
+        remedy="Values are read by get_real after every step.",
     ),
     Fault(
         name="accumulated time",
-        what="Steps are added up, so that units are told times that are off in the last "
-        "digits: 1e-12 in what the feedforward plans. Rows are counted.",
+        description="Steps are added up, so that units get times with rounding errors.",
+        remedy="Rows are counted.",
     ),
     Fault(
-        name="blind to refusals",
-        what="That a unit refuses to be instantiated or stepped is not noticed, its "
-        "outputs stay as they are. The time that each unit has reached is read in the end.",
+        name="does not report failed calls",
+        description="A unit that refuses to be instantiated or stepped is not reported; its outputs stay as they are.",
+        remedy="The time that each unit has reached is read at the end.",
     ),
     Fault(
         name="crash on loading",
-        what="A unit whose library cannot be loaded ends the process. It runs in one of its own.",
+        description="A unit whose library cannot be loaded ends the process.",
+        remedy="It runs in a separate process.",
     ),
     Fault(
         name="folders left behind",
-        what="The extracted package stays in the folder for temporary files. It goes to one that is removed.",
+        description="The extracted package stays in the folder for temporary files.",
+        remedy="That folder is replaced by one that is removed.",
     ),
     Fault(
-        name="kept descriptions",
-        what="0.2 MB stay allocated for every package of this size that is loaded, stepped "
-        "or not. Nothing can be done about it but to reset a simulation rather than to load it again.",
+        name="leaked descriptions",
+        description="0.2 MB stay allocated for every package of this size that is loaded.",
+        remedy="None; resetting a simulation allocates nothing.",
     ),
     Fault(
         name="threads",
-        what="Units are stepped on threads, which costs as much as these units do. Its process keeps to one core.",
+        description="Units are stepped on threads, which costs as much as the units' own work.",
+        remedy="Its process is pinned to one core.",
     ),
 )
 
@@ -59,7 +62,7 @@ class EcosError(FlexbeamsError):
 
 
 def simulate(task: Task) -> Trace:
-    """Runs an SSP; recording takes a call a value and step."""
+    """Runs an SSP; recording costs one call for each value and step."""
     _load_tbb()
     from ecospy import EcosSimulation
     from ecospy.lib import EcosLib
@@ -93,7 +96,7 @@ def simulate(task: Task) -> Trace:
 
 
 def _time(simulation: Any, component: str) -> float:
-    """The time that a unit has reached; that of the simulation where it has no variable for it."""
+    """The time that a unit has reached; the simulation's time where it has no variable for it."""
     try:
         return float(simulation.get_real(f"{component}::time"))
     except Exception:  # the only type that ecospy raises
@@ -106,7 +109,7 @@ def _require_end(component: str, reached: float, task: Task) -> None:
 
 
 def _load_tbb() -> None:
-    """Loads the library that ecospy needs, from the wheel where the system has none."""
+    """Loads the library that ecospy needs, from the wheel `tbb` where the system has none."""
     try:
         ctypes.CDLL(_TBB, ctypes.RTLD_GLOBAL)
     except OSError:
@@ -123,8 +126,8 @@ MASTER = Master(
     distribution="ecospy",
     module="ecospy",
     coupling="jacobi",
-    late=False,
+    delayed_start=False,
     faults=FAULTS,
     simulate=simulate,
-    kept=250_000,
+    leaked_bytes=250_000,
 )

@@ -1,4 +1,4 @@
-"""FMPy's simulate_ssp: reads the SSP itself, all units step and then exchange."""
+"""FMPy's simulate_ssp: reads the SSP itself, steps all units, then exchanges."""
 
 import time
 from typing import Any
@@ -11,23 +11,23 @@ from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_t
 FAULTS = (
     Fault(
         name="early labels",
-        what="A row holds the values after a step and is labelled with the time before it; "
-        "there is no row of the start. Times are shifted by a step.",
+        description="A row holds the values after a step with the time before it; the start has no row.",
+        remedy="Times are shifted by one step.",
     ),
     Fault(
         name="accumulated time",
-        what="Steps are added up, and one more is made where the sum falls short of the "
-        "stop time. It is told to stop half a step earlier; rows are counted.",
+        description="Steps are added up, and one more is made where the sum falls short of the stop time.",
+        remedy="The stop time passed is half a step earlier; rows are counted.",
     ),
     Fault(
         name="late start",
-        what="Connectors begin at 0 and pass on nothing before the first step: what is constant "
-        "from the start on counts from the second step on. Nothing can be done about it.",
+        description="Nothing is transferred before the first step: constants count from the second step on.",
+        remedy="None.",
     ),
     Fault(
-        name="deaf to the package",
-        what="Parameter sets, stop time and step of the package are ignored. Start "
-        "values are the units' own anyway; stop time and step are handed over.",
+        name="ignores parameter sets",
+        description="Parameter sets, stop time and step of the package are ignored.",
+        remedy="Start values are built into the units; stop time and step are passed.",
     ),
 )
 
@@ -43,7 +43,7 @@ def simulate(task: Task) -> Trace:
 
 
 def _corrected(table: Any, task: Task, seconds: float) -> Trace:
-    """The faults in labels and number of rows taken back."""
+    """The result with corrected times."""
     assert len(table) == task.steps
     return Trace(
         time=step_times(task.step, 1, task.steps),
@@ -59,7 +59,7 @@ MASTER = Master(
     distribution="fmpy",
     module="fmpy.ssp.simulation",
     coupling="jacobi",
-    late=True,
+    delayed_start=True,
     faults=FAULTS,
     simulate=simulate,
 )

@@ -1,7 +1,7 @@
-"""Masters in a process of their own: what crashes there, leaks, logs or changes settings stays there.
+"""Masters in a separate process, which contains their crashes, leaks, messages and changes of settings.
 
-`python -m flexbeams.scenarios.masters.isolation` is that process: a request as JSON on standard input, traces in a
-folder.
+`python -m flexbeams.scenarios.masters.isolation` is that process: it reads a request as JSON from standard input and
+writes the traces to a folder.
 """
 
 import gc
@@ -26,17 +26,17 @@ from flexbeams.scenarios.processes.children import python_command, python_enviro
 
 
 class MasterError(FlexbeamsError):
-    """A master's process ended without a result; names the tool, how it ended and the last line that it said."""
+    """A master's process ended without a result; names the tool, its exit status and its last line of output."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cycles:
-    """Traces of some packages, of their first run, and what running all of them again and again did."""
+    """Traces of the first run of each package, and effects of running all of them repeatedly."""
 
     traces: list[Trace]
     repeated: bool  # every later run gave the same values, bit by bit
     stepping: list[list[float]]  # s, of each task in each cycle
-    resident: list[int]  # bytes of memory in use after each cycle; empty where the system does not tell
+    resident: list[int]  # bytes of memory in use after each cycle; empty where the system does not report it
 
 
 def run_master(
@@ -47,16 +47,19 @@ def run_master(
     step: float | None = None,
     signals: Sequence[str] | None = None,
 ) -> Trace:
-    """Runs an SSP by the master of a name, for as long and with the step that the package says where none is given.
+    """Runs an SSP with a master; stop time and step (s) are the package's by default.
 
-    Records the Real outputs `signals` (<component>.<variable>), all where none are named. Raises InputError for a
-    package that cannot be read, MasterError where the tool refuses it or crashes.
+    Records the Real outputs `signals` (<component>.<variable>), by default all. Raises InputError for a package that
+    cannot be read, MasterError where the tool refuses it or crashes.
     """
     return run_cycles(name, [read_task(file, stop_time=stop_time, step=step, signals=signals)]).traces[0]
 
 
 def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
-    """Runs tasks one after another in one process on one core, all of them `cycles` times; errors as of a run."""
+    """Runs tasks one after another in one process on one core, all of them `cycles` times.
+
+    Raises the same errors as `run_master`.
+    """
     find_master(name)
     with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as folder:
         request = {
@@ -76,16 +79,16 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
         )
         result = Path(folder) / "result.json"
         if done.returncode or not result.is_file():
-            said = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]
-            raise MasterError(f"{name} ended with status {done.returncode}, last said: {said}")
+            last_line = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]
+            raise MasterError(f"{name} ended with status {done.returncode}, last output: {last_line}")
         kept = json.loads(result.read_text())
         traces = [_read_trace(Path(folder) / f"{k}.npz") for k in range(len(tasks))]
     return Cycles(traces=traces, repeated=kept["repeated"], stepping=kept["stepping"], resident=kept["resident"])
 
 
 def serve(request: dict[str, Any]) -> None:
-    """Runs what a request asks for and leaves the traces of the first cycle and result.json in its folder."""
-    if hasattr(os, "sched_setaffinity"):  # more threads than one make such small units wait for each other
+    """Runs a request and writes the traces of the first cycle and result.json to its folder."""
+    if hasattr(os, "sched_setaffinity"):  # with several threads such small units wait for each other
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     simulate, folder = find_master(request["master"]).simulate, Path(request["folder"])
     tasks = [
@@ -114,7 +117,7 @@ def serve(request: dict[str, Any]) -> None:
 
 
 def resident_bytes() -> int | None:
-    """Memory in use by this process; what the allocator keeps in reserve is given back first."""
+    """Bytes of memory in use by this process, after releasing the allocator's reserve; None where it is not known."""
     import ctypes
 
     statm = Path("/proc/self/statm")

@@ -7,30 +7,35 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import FlexbeamsError
-from flexbeams.scenarios.importing.ssp import is_package
+from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
     Fault(
         name="no reason",
-        what="What is wrong with a package that cannot be loaded is not said. The library's last message says it.",
+        description="The error for a package that cannot be loaded has no message.",
+        remedy="The library's last message is read.",
     ),
     Fault(
         name="lost last sample",
-        what="Samples of step 0 count as empty, so that a series read from the start on "
-        "lacks its last one. The first sample is read on its own.",
+        description="Samples of step 0 count as empty, so that a series read from the start lacks its last sample.",
+        remedy="The first sample is read separately.",
     ),
-    Fault(name="short memory", what="A series of no given length keeps the last 10000 samples. The length is given."),
+    Fault(
+        name="keeps only 10000 samples",
+        description="A series without a given length keeps the last 10000 samples.",
+        remedy="The length is given.",
+    ),
     Fault(
         name="complaint about time",
-        what="Its FMI library logs `Start attribute is required` for the independent "
-        "variable, which must have none. Harmless; logged from level fatal on.",
+        description="Its FMI library logs `Start attribute is required` for the independent variable.",
+        remedy="Messages below the level fatal are suppressed.",
     ),
     Fault(
         name="threads",
-        what="Units are stepped on threads, which costs several times what these units do. Its "
-        "process keeps to one core.",
+        description="Units are stepped on threads, which costs several times the units' own work.",
+        remedy="Its process is pinned to one core.",
     ),
 )
 
@@ -98,7 +103,7 @@ MASTER = Master(
     distribution="libcosimpy",
     module="libcosimpy",
     coupling="jacobi",
-    late=False,
+    delayed_start=False,
     faults=FAULTS,
     simulate=simulate,
 )

@@ -1,4 +1,4 @@
-"""PathSim with pathsim-fmi: is told the units and connections of an SSP; each unit's step is passed on at once."""
+"""PathSim with pathsim-fmi: gets the units and connections of an SSP; each unit's outputs are transferred at once."""
 
 import gc
 import time
@@ -7,24 +7,28 @@ from typing import Any
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.importing.ssp import Package
-from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
+from flexbeams.scenarios.importing.package import Package
+from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, connections_by_pair, unpacked
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
     NO_SSP,
     Fault(
         name="Boolean outputs",
-        what="Every output is read as Real, which units with Boolean or Integer outputs "
-        "refuse. Its map of outputs is cut down to the Real ones.",
+        description="Every output is read as Real, which units with Boolean or Integer outputs refuse.",
+        remedy="Its map of outputs is reduced to the Real ones.",
     ),
     Fault(
         name="early labels",
-        what="Units step at the beginning of a step of the simulation: what is recorded at a "
-        "time holds the values a step later. Times are shifted by a step.",
+        description="Units step at the beginning of a step of the simulation: a row holds the values one step later.",
+        remedy="Times are shifted by one step.",
     ),
     FOLDERS_LEFT,
-    Fault(name="late release", what="Units are freed by the garbage collector only. It is called after the run."),
+    Fault(
+        name="late release",
+        description="Units are freed by the garbage collector only.",
+        remedy="It is called after the run.",
+    ),
 )
 
 
@@ -53,7 +57,7 @@ def simulate(task: Task) -> Trace:
 
 
 def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int], Any]]]:
-    """The simulation, and places among the signals with the block that records them."""
+    """The simulation, and for each recording block the indices of its signals."""
     from pathsim import Connection, Simulation
     from pathsim.blocks import Scope
     from pathsim_fmi import blocks as fmu_blocks
@@ -69,7 +73,7 @@ def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int],
         fmu_blocks.FMUWrapper = original
     connections = [
         Connection(blocks[start][[output for output, _ in wires]], blocks[end][[i for _, i in wires]])
-        for (start, end), wires in wires_by_pair(package).items()
+        for (start, end), wires in connections_by_pair(package).items()
     ]
     scopes = []
     for name, block in blocks.items():
@@ -85,7 +89,7 @@ def _assembled(package: Package, task: Task) -> tuple[Any, list[tuple[list[int],
 
 
 def _wrapper_of_reals(wrapper: Any) -> Any:
-    """pathsim-fmi's wrapper of a unit without outputs and inputs of other types."""
+    """pathsim-fmi's wrapper of a unit, restricted to Real inputs and outputs."""
 
     class RealWrapper(wrapper):  # type: ignore[misc]
         def _build_variable_maps(self) -> None:
@@ -102,7 +106,7 @@ MASTER = Master(
     distribution="pathsim-fmi",
     module="pathsim_fmi",
     coupling="gauss-seidel",
-    late=False,
+    delayed_start=False,
     faults=FAULTS,
     simulate=simulate,
 )

@@ -1,4 +1,4 @@
-"""This project's own runner, asked like the masters of others, to stand beside them."""
+"""This project's own runner behind the interface of the masters, for comparison."""
 
 import time
 
@@ -6,7 +6,7 @@ from flexbeams.scenarios.masters.trace import Master, Task, Trace
 
 
 def simulate(task: Task) -> Trace:
-    """Runs an SSP with the coupling that it asks for; without signals only the first and the last row are recorded."""
+    """Runs an SSP with its coupling; without signals only the first and the last row are recorded."""
     from flexbeams.scenarios.definition.settings import Settings
     from flexbeams.scenarios.runs.package import run_package
 
@@ -36,7 +36,7 @@ MASTER = Master(
     distribution="flexbeams",
     module="flexbeams.scenarios.runs.package",
     coupling="jacobi",
-    late=False,
+    delayed_start=False,
     faults=(),
     simulate=simulate,
 )

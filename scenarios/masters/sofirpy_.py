@@ -1,26 +1,30 @@
-"""sofirpy: is told the units and connections of an SSP; all units step and then exchange, value by value."""
+"""sofirpy: gets the units and connections of an SSP; steps all units, then exchanges value by value."""
 
 import logging
 import time
 from typing import Any
 
-from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, unpacked, wires_by_pair
+from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, connections_by_pair, unpacked
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
 FAULTS = (
     NO_SSP,
     Fault(
         name="late start",
-        what="Nothing is passed on before the first step: what is constant from the start on "
-        "counts from the second step on. Nothing can be done about it.",
+        description="Nothing is transferred before the first step: constants count from the second step on.",
+        remedy="None.",
     ),
     Fault(
         name="lost row",
-        what="The number of rows is rounded down, which ends some runs with an IndexError in the "
-        "last step. It is told to stop half a step later.",
+        description="The number of rows is rounded down, which ends some runs with an IndexError in the last step.",
+        remedy="The stop time passed is half a step later.",
     ),
     FOLDERS_LEFT,
-    Fault(name="root logger", what="It replaces the handlers and the level of the root logger. Both are put back."),
+    Fault(
+        name="root logger",
+        description="It replaces the handlers and the level of the root logger.",
+        remedy="Both are restored.",
+    ),
 )
 
 
@@ -32,7 +36,7 @@ def simulate(task: Task) -> Trace:
     handlers, level = root.handlers[:], root.level
     with unpacked(task.file) as package:
         connections: dict[str, list[Any]] = {}
-        for (start, end), wires in wires_by_pair(package).items():
+        for (start, end), wires in connections_by_pair(package).items():
             connections.setdefault(end, []).extend(
                 {"parameter_name": target, "connect_to_system": start, "connect_to_external_parameter": output}
                 for output, target in wires
@@ -67,7 +71,7 @@ MASTER = Master(
     distribution="sofirpy",
     module="sofirpy",
     coupling="jacobi",
-    late=True,
+    delayed_start=True,
     faults=FAULTS,
     simulate=simulate,
 )

@@ -1,4 +1,4 @@
-"""How a package wants to be run, and a folder for what tools leave behind."""
+"""Stop time, step and signals of a package, and a private folder for temporary files of tools."""
 
 import math
 import os
@@ -10,28 +10,32 @@ from pathlib import Path
 from fmpy import read_model_description
 
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.osp import read_osp
-from flexbeams.scenarios.importing.ssp import Package, is_package, open_package
+from flexbeams.scenarios.importing.package import Package, is_package
+from flexbeams.scenarios.importing.ssp import open_package
 from flexbeams.scenarios.masters.trace import Fault, Task
 
 # Of tools that read single units
 NO_SSP = Fault(
-    name="no SSP", what="It reads FMUs only. Units and connections are read from the package and handed over."
+    name="no SSP",
+    description="It reads FMUs only.",
+    remedy="Units and connections are read from the package and passed.",
 )
 FOLDERS_LEFT = Fault(
     name="folders left behind",
-    what="Extracted units stay in the folder for temporary files. They go to one that is removed.",
+    description="Extracted units stay in the folder for temporary files.",
+    remedy="That folder is replaced by one that is removed.",
 )
 
 
 def read_task(
     file: Path, *, stop_time: float | None = None, step: float | None = None, signals: Sequence[str] | None = None
 ) -> Task:
-    """How to run an SSP, or an OspSystemStructure.xml; all Real outputs are recorded where no signals are named.
+    """The task to run an SSP or an OspSystemStructure.xml; without `signals` it records all Real outputs.
 
-    Raises InputError for what is no such file, for a package without stop time or step where none is given, for a stop
-    time that is not a positive multiple of the step, and for signals that are no Real outputs.
+    Raises InputError for any other file, for a package without stop time or step where none is given, for a stop time
+    that is not a positive multiple of the step, and for signals that are not Real outputs.
     """
     own_stop, own_step, outputs = _from_ssp(file) if is_package(file.name) else _from_osp(file)
     stop_time, step = own_stop if stop_time is None else stop_time, own_step if step is None else step
@@ -47,7 +51,7 @@ def read_task(
         raise InputError(
             "stop_time", f"must be a whole number of steps of {step:g} s, at least one", stop_time, source=str(file)
         )
-    known = tuple(f"{name}.{output}" for name, found in outputs.items() for output in found)
+    known = tuple(f"{name}.{output}" for name, variables in outputs.items() for output in variables)
     for signal in signals or ():
         if signal not in known:
             raise InputError(
@@ -90,7 +94,7 @@ def _from_osp(file: Path) -> tuple[float | None, float | None, dict[str, list[st
 
 @contextmanager
 def private_folder() -> Iterator[Path]:
-    """A folder that also takes what tools in this process write to temporary files; removed in the end."""
+    """A folder that also receives the temporary files of this process; it is removed at the end."""
     names = ("TMPDIR", "TEMP", "TMP")
     before, tempdir = {name: os.environ.get(name) for name in names}, tempfile.tempdir
     with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as folder:
@@ -109,14 +113,14 @@ def private_folder() -> Iterator[Path]:
 
 @contextmanager
 def unpacked(file: Path) -> Iterator[Package]:
-    """An SSP read and its units extracted, in a folder as of `private_folder`."""
+    """An SSP, read and extracted to a `private_folder`."""
     with private_folder() as folder:
-        yield open_package(file, folder / "package", Allowance())
+        yield open_package(file, folder / "package", ExtractionBudget())
 
 
-def wires_by_pair(package: Package) -> dict[tuple[str, str], list[tuple[str, str]]]:
-    """Outputs and inputs that are connected, by source and target."""
+def connections_by_pair(package: Package) -> dict[tuple[str, str], list[tuple[str, str]]]:
+    """Connected outputs and inputs by source and target component."""
     pairs: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    for wire in package.wires:
-        pairs.setdefault((wire.start[0], wire.end[0]), []).append((wire.start[1], wire.end[1]))
+    for connection in package.connections:
+        pairs.setdefault((connection.start[0], connection.end[0]), []).append((connection.start[1], connection.end[1]))
     return pairs

@@ -1,4 +1,4 @@
-"""What a master is asked to run and what it returns; what it gets wrong, and how far it is from the runner."""
+"""Task and result of a master, its faults, and its deviation from the runner."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,21 +25,22 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """What a master made of a package."""
+    """Result of a master."""
 
     time: Array  # (rows,), s; whole steps
     columns: list[str]  # <component>.<variable>
     values: Array  # (rows, columns), at these times
-    loading: float | None  # s, up to the first step; None where the tool does not tell it from stepping
+    loading: float | None  # s, up to the first step; None where the tool does not separate it from stepping
     stepping: float  # s, with loading where that is None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """What a tool does to results, and what is done about it."""
+    """A fault of a tool that affects results or the process, and its remedy here."""
 
     name: str
-    what: str
+    description: str
+    remedy: str  # "None" where there is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +49,12 @@ class Master:
 
     name: str
     distribution: str  # that pip installs
-    module: str  # that it brings along
-    coupling: Coupling  # the runner's that it agrees with
-    late: bool  # nothing is passed on before the first step: constants count from the second on
+    module: str  # that it contains
+    coupling: Coupling  # of the runner with the same results
+    delayed_start: bool  # nothing is transferred before the first step: constants count from the second on
     faults: tuple[Fault, ...]
     simulate: Callable[[Task], Trace]
-    kept: int = 0  # bytes that stay allocated for every package loaded
+    leaked_bytes: int = 0  # for every package loaded
 
 
 def step_times(step: float, first: int, count: int) -> Array:
@@ -65,7 +66,7 @@ def step_times(step: float, first: int, count: int) -> Array:
 def deviation(trace: Trace, recording: Recording) -> float:
     """Largest difference of a recorded signal from the runner's, relative to the signal's largest value in the run.
 
-    Signals that are zero all the time must be so in both, or the result is infinite.
+    The result is infinite where a signal is zero throughout in the run but not in the trace.
     """
     step = recording.time[1] - recording.time[0]
     rows = np.rint(trace.time / step).astype(int)

@@ -1,4 +1,4 @@
-"""Data of the animated beams: geometry, shapes, voltages and the reference shape as ghost."""
+"""Data of the animated beams: geometry, shapes, voltages, and the reference shape as a ghost."""
 
 from typing import Any
 
@@ -9,9 +9,9 @@ from flexbeams.scenarios.simulation.frames import Frames
 
 
 def animation(frames: Frames | None, design: Design, step: float) -> dict[str, Any] | None:
-    """What animation.js draws; None where no shapes were recorded, or those of another structure.
+    """Input of animation.js; None without recorded shapes of the design's structure.
 
-    The ghost is w = H_w x_ref + D_w u_ff, the shape that the reduced model has under the feedforward.
+    The ghost is w = H_w x_ref + D_w u_ff, the shape of the reduced model under the feedforward.
     """
     structure, arrays = design.structure, design.arrays
     if frames is None or frames.deflections.shape[1] != len(structure.beam) * STATIONS or len(frames.values) < 2:

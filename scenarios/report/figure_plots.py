@@ -1,4 +1,4 @@
-"""Plots of a run from its recording: the figures that a scenario asks for, and rows of curves."""
+"""Plots of a recording: the figures of a scenario, and rows of curves."""
 
 from itertools import zip_longest
 from pathlib import Path
@@ -6,16 +6,16 @@ from pathlib import Path
 from flexbeams.scenarios.definition.schema import Figure, Scenario
 from flexbeams.scenarios.report.decimation import decimated
 from flexbeams.scenarios.report.plots import Line, Panel, Plot, PlotRow, Style
-from flexbeams.scenarios.results.curves import SHOWN, Curve, figure_curve
+from flexbeams.scenarios.results.curves import DISPLAY_UNITS, Curve, figure_curve
 from flexbeams.scenarios.simulation.recording import Recording
 
-PLOTTED = 4000  # points of a curve at most; each stretch keeps its least and its largest value
+MAX_POINTS = 4000  # of a curve
 
 
 def figure_plots(
     scenario: Scenario, recording: Recording, folder: Path, open_loop: Recording | None = None
 ) -> list[Plot]:
-    """Every figure of the scenario."""
+    """All figures of the scenario."""
     return [
         figure_plot(figure, scenario, recording, folder, open_loop, f"figure[{k}]")
         for k, figure in enumerate(scenario.figure, 1)
@@ -33,42 +33,33 @@ def figure_plot(
 
 
 def plot_rows(rows: list[list[Curve]], title: str, stem: Path, start: float, stop: float, wide: bool = False) -> Plot:
-    """Curves of a row over each other, from `start` to `stop` in s; a column for each element.
+    """Rows of overlaid curves from `start` to `stop`, s; a column for each element.
 
-    A curve below others is wide, so that it is not hidden, where it is of their recording, or `wide` is set.
+    A covered curve is drawn wide, so that it is not hidden, if it is from the same recording or `wide` is set.
     """
-    return Plot(
-        stem=stem,
-        title=title,
-        rows=[
-            PlotRow(
-                axis=row[0].axis(),
-                legend=len(row) > 1,
-                panels=[
-                    Panel(
-                        title=next(curve.element(c) for curve in reversed(row) if c < len(curve.places)),
-                        lines=[line for line in column if line],
-                    )
-                    for c, column in enumerate(
-                        zip_longest(*(_lines(row, s, start, stop, wide) for s in range(len(row))))
-                    )
-                ],
-            )
-            for row in rows
-        ],
-    )
+    panels = [PlotRow(axis=row[0].axis(), legend=len(row) > 1, panels=_panels(row, start, stop, wide)) for row in rows]
+    return Plot(stem=stem, title=title, rows=panels)
 
 
-def _lines(row: list[Curve], s: int, start: float, stop: float, wide: bool) -> list[Line]:
-    """Curve s of a row, a line for each element."""
-    curve = row[s]
+def _panels(row: list[Curve], start: float, stop: float, wide: bool) -> list[Panel]:
+    """A panel for each element; its title is that of the uppermost curve with such an element."""
+    panels = []
+    for c, lines in enumerate(zip_longest(*(_lines(row, k, start, stop, wide) for k in range(len(row))))):
+        title = next(curve.element(c) for curve in reversed(row) if c < len(curve.columns))
+        panels.append(Panel(title=title, lines=[line for line in lines if line]))
+    return panels
+
+
+def _lines(row: list[Curve], k: int, start: float, stop: float, wide: bool) -> list[Line]:
+    """Curve k of a row, a line for each element."""
+    curve = row[k]
     style: Style = "own"
-    if s < len(row) - 1:
+    if k < len(row) - 1:
         style = "wide" if wide or curve.recording is row[-1].recording else "below"
-    shown = (curve.recording.time >= start) & (curve.recording.time <= stop)
-    time, factor = curve.recording.time[shown], SHOWN[curve.quantity][1]
+    inside = (curve.recording.time >= start) & (curve.recording.time <= stop)
+    time, factor = curve.recording.time[inside], DISPLAY_UNITS[curve.quantity][1]
     lines = []
-    for place in curve.places:
-        t, y = decimated(time, curve.recording.values[shown, place], PLOTTED)
-        lines.append(Line(time=t, values=y * factor, label=curve.label, place=s, style=style))
+    for column in curve.columns:
+        t, y = decimated(time, curve.recording.values[inside, column], MAX_POINTS)
+        lines.append(Line(time=t, values=y * factor, label=curve.label, index=k, style=style))
     return lines

@@ -1,6 +1,6 @@
-"""A process beside a run that draws its figures: it imports the plotting library while the run steps.
+"""A child process that draws the figures of a run: it imports the plotting library while the run steps.
 
-`serve` is what that process does: plots come pickled on standard input, one byte on standard output ends them.
+The child runs `serve`: it reads pickled plots from standard input and writes one byte to standard output when done.
 """
 
 import pickle
@@ -18,7 +18,7 @@ _PROGRAM = "from flexbeams.scenarios.report.figure_process import serve; serve()
 
 
 class FigureProcess:
-    """Draws plots beside what the caller does; what it cannot draw is drawn by the caller."""
+    """Draws plots while the caller works; the caller draws them if the process fails."""
 
     def __init__(self) -> None:
         with ignore_interrupts_in_children():
@@ -40,18 +40,18 @@ class FigureProcess:
         self._process.kill()
         self._process.communicate()
 
-    def begin(self, plots: Sequence[Plot]) -> None:
-        """Hands the plots over."""
+    def start(self, plots: Sequence[Plot]) -> None:
+        """Starts drawing the plots."""
         self._plots = plots
         assert self._process.stdin is not None
         try:
             pickle.dump(plots, self._process.stdin)
             self._process.stdin.flush()
-        except OSError:  # it is lost; finish will see
+        except OSError:  # the process has ended: wait draws
             pass
 
-    def finish(self) -> None:
-        """Waits for the files; errors as of writing them."""
+    def wait(self) -> None:
+        """Waits for the files; raises the errors of writing them."""
         assert self._process.stdout is not None
         if self._process.stdout.read(1) != _DONE:
             from flexbeams.scenarios.report.figures import write_figures

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from flexbeams.plant.archive import write_whole
 from flexbeams.scenarios.report.plots import Panel, Plot
 
-# All in inches: a panel with what is written beside it, its axes alone, the space around all panels. A search for
-# the best layout would take as long as the drawing.
+# All in inches: a panel with its labels, its axes alone, the margins around all panels. They are fixed, since
+# matplotlib's search for a layout takes as long as the drawing.
 _PANEL, _AXES = (3.0, 2.3), (2.45, 1.85)
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.72, -0.4, 0.5, 0.25
 _COLOURS = ("#2c8a3c", "#1f4fb4", "#c43131", "#8a5a00", "#6a3d9a", "#0e7c7b")
@@ -39,7 +39,7 @@ def write_figure(plot: Plot) -> list[Path]:
 
 
 def draw(plot: Plot) -> Figure:
-    """The plot on a canvas of its own."""
+    """The plot as a matplotlib figure."""
     columns, count = max(len(row.panels) for row in plot.rows), len(plot.rows)
     width, height = _LEFT + columns * _PANEL[0] + _RIGHT, _TOP + count * _PANEL[1] + _BOTTOM
     canvas = Figure(figsize=(width, height))
@@ -66,7 +66,7 @@ def draw(plot: Plot) -> Figure:
 
 def _fill(axis: Axes, panel: Panel, several: bool) -> None:
     for line in panel.lines:
-        colour = _COLOURS[line.place % len(_COLOURS) if several else 1]
+        colour = _COLOURS[line.index % len(_COLOURS) if several else 1]
         axis.plot(
             line.time,
             line.values,

@@ -16,7 +16,7 @@ ASSETS = Path(__file__).parent / "assets"
 
 
 def render(template: str, **context: Any) -> str:
-    """The page of a template in assets/; every value is escaped, `embedded` and `asset` put text in as it is."""
+    """The page of a template in assets/; values are escaped, except by `embedded` and `asset`."""
     return _environment().get_template(template).render(**context)
 
 
@@ -35,7 +35,7 @@ def _environment() -> Environment:
 
 
 def embedded(data: Any) -> Markup:
-    """JSON that cannot end the script element it stands in."""
+    """JSON that cannot end the script element around it."""
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -48,7 +48,7 @@ def float32(values: Array) -> str:
 
 
 def int16(values: Array) -> dict[str, Any]:
-    """An array as integers times a scale, base64: 1/32767 of its largest magnitude is resolved."""
+    """An array as scaled integers, base64; the resolution is 1/32767 of its largest magnitude."""
     largest = float(np.max(np.abs(values), initial=0.0))
     scale = largest / 32767 if np.isfinite(largest) and largest > 0 else 1.0
     levels = np.clip(np.rint(np.nan_to_num(values) / scale), -32767, 32767)

@@ -1,4 +1,4 @@
-"""What a figure shows, free of the recording it comes from and of the library that draws it."""
+"""Content of a figure, independent of the recording and of the plotting library."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +6,9 @@ from typing import Literal
 
 from flexbeams.plant.basis import Array
 
-Style = Literal["own", "below", "wide"]  # the upper curve; a faint one below it; one that shows beside a curve on it
+Style = Literal[
+    "own", "below", "wide"
+]  # uppermost curve; faint curve below it; curve wider than the one that covers it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,15 +16,15 @@ class Line:
     """One curve of a panel."""
 
     time: Array  # (rows,), s
-    values: Array  # (rows,), in the unit shown
+    values: Array  # (rows,), in the displayed unit
     label: str
-    place: int  # among the curves of the row, the same in all its panels
+    index: int  # of the curve in the row, the same in all its panels
     style: Style
 
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Curves over each other; the last lies on top."""
+    """Overlaid curves; the last is on top."""
 
     title: str
     lines: list[Line]
@@ -39,8 +41,8 @@ class PlotRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """A figure and where it goes."""
+    """A figure and the path of its files."""
 
-    stem: Path  # its file without .png and .svg
+    stem: Path  # without .png and .svg
     title: str
     rows: list[PlotRow]

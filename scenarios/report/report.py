@@ -1,4 +1,4 @@
-"""report.html: one self-contained page about a run, made for a person."""
+"""report.html: one self-contained page about a run."""
 
 from importlib.metadata import version
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 from flexbeams.plant.archive import write_whole
 from flexbeams.scenarios.report.animation import animation
 from flexbeams.scenarios.report.page import render
-from flexbeams.scenarios.report.panels import figure_groups, further_group
+from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
 from flexbeams.scenarios.runs.scenario import Run
 
@@ -22,9 +22,9 @@ def write_report(run: Run, folder: Path) -> Path:
 
 
 def report_html(run: Run) -> str:
-    """The page; equal runs give equal bytes but for the section on timing."""
+    """The page; equal runs give equal bytes except for the section on timing."""
     groups = figure_groups(run.scenario, run.recording, run.open_loop)
-    if further := further_group(run.scenario, run.recording):
+    if further := remaining_signals_group(run.scenario, run.recording):
         groups.append(further)
     moving = animation(run.recording.frames, run.design, _step(run))
     data = {"groups": groups, "animation": moving}
@@ -73,7 +73,7 @@ def _step(run: Run) -> float:
 
 
 def _facts(run: Run) -> list[tuple[str, str]]:
-    """What was run, as terms and descriptions."""
+    """Facts about the run, as terms and descriptions."""
     s, design, settings = run.scenario, run.design.summary, run.settings
     parts = [
         (design["beams"], "beam"),
@@ -114,7 +114,7 @@ def _plural(count: int, word: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any], checks: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Metrics that are no checks, in SI units."""
+    """Metrics that are not checks, in SI units."""
     named = {c["name"] for c in checks}
     return [(name, f"{value:.6g}") for name, value in metrics.items() if name not in named and value is not None]
 

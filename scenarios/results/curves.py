@@ -1,4 +1,4 @@
-"""Signals of a run as curves: names from a scenario's figures, what they are, and in which unit they are shown."""
+"""Signals of a run as curves: looked up by name, with their quantity and the unit in which they are displayed."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.results.metrics import column_indices
+from flexbeams.scenarios.results.checks import column_indices
 from flexbeams.scenarios.simulation.recording import Recording
 
-SHOWN = {
+DISPLAY_UNITS = {
     "deflection": ("mm", 1e3),
     "voltage": ("V", 1.0),
     "strain": ("µm/m", 1e6),
@@ -33,49 +33,49 @@ _QUANTITIES = {
 
 
 def quantity_of(base: str) -> str:
-    """What a unit's signal is, by its variable's name without index."""
+    """The quantity of a signal (a key of DISPLAY_UNITS), by its variable's name without index."""
     return _QUANTITIES.get(base, "value")
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A signal array of one of the recordings, to be drawn in one row."""
+    """A recorded signal array, drawn in one row."""
 
     label: str
     base: str  # the variable's name without owner and index
-    quantity: str  # a key of SHOWN
+    quantity: str  # a key of DISPLAY_UNITS
     recording: Recording
-    places: list[int]  # columns of the recording
+    columns: list[int]  # of the recording
 
     def element(self, c: int) -> str:
-        """What element c is, for a title."""
-        number = index_of(self.recording.columns[self.places[c]])
+        """The name of element c, for a title."""
+        number = element_index(self.recording.columns[self.columns[c]])
         return f"{_ELEMENTS[self.quantity] or self.base} {number}" if number else self.base
 
     def axis(self) -> str:
         """Quantity and unit, for an axis."""
-        unit = SHOWN[self.quantity][0]
+        unit = DISPLAY_UNITS[self.quantity][0]
         return f"{self.quantity} in {unit}" if unit else self.base
 
 
-def index_of(column: str) -> str:
-    """The index in a column's name, empty for a scalar."""
+def element_index(column: str) -> str:
+    """The index at the end of a column's name, empty for a scalar."""
     return column[column.rindex("[") + 1 : -1] if column.endswith("]") else ""
 
 
-def array_of(column: str) -> str:
-    """The array that a column is an element of."""
+def array_name(column: str) -> str:
+    """The name of the array to which a column belongs."""
     return column[: column.rindex("[")] if column.endswith("]") else column
 
 
 def curve(name: str, recording: Recording, label: str = "") -> Curve:
     """The recorded array or element `name`; InputError without a key where it is not recorded."""
-    places = column_indices(recording.columns, name)
-    if not places:
-        known = dict.fromkeys(map(array_of, recording.columns))
+    columns = column_indices(recording.columns, name)
+    if not columns:
+        known = dict.fromkeys(map(array_name, recording.columns))
         raise InputError("", "names a signal that is not recorded" + suggestion(name, known), name)
-    base = array_of(name).split(".", 1)[1]
-    return Curve(label or name, base, quantity_of(base), recording, places)
+    base = array_name(name).split(".", 1)[1]
+    return Curve(label or name, base, quantity_of(base), recording, columns)
 
 
 def figure_curve(
@@ -88,18 +88,22 @@ def figure_curve(
             raise InputError(f"{key}.rows", "needs the scenario's key open_loop", name)
         name, source, label = name.removeprefix("open_loop."), open_loop, "without control"
     try:
-        found = curve(name, source, label)
+        selected = curve(name, source, label)
     except InputError as error:
         raise error.at("", f"{key}.rows") from None
     if points:
-        found = Curve(
-            label, found.base, found.quantity, source, [found.places[p - 1] for p in points if p <= len(found.places)]
+        selected = Curve(
+            label,
+            selected.base,
+            selected.quantity,
+            source,
+            [selected.columns[p - 1] for p in points if p <= len(selected.columns)],
         )
-    return found
+    return selected
 
 
-def on_one_time(recordings: list[Recording]) -> tuple[Array, list[Array]]:
-    """Times of all recordings together (rows,), and each one's rows there, NaN where it has not begun or has ended.
+def align(recordings: list[Recording]) -> tuple[Array, list[Array]]:
+    """The union of all recordings' times (rows,), and each recording's values at them, NaN outside its own time span.
 
     Recordings of one step share their times and are copied; others are interpolated linearly between their rows.
     """

@@ -1,4 +1,4 @@
-"""Figures as people read them: SI values in the units they are shown in."""
+"""SI values as text, in the units in which they are displayed."""
 
 from typing import Any
 
@@ -6,15 +6,15 @@ _SCALES = {"m": ("mm", 1e3), "s": ("s", 1.0), "V": ("V", 1.0), "%": ("%", 1.0), 
 
 
 def number(value: float | str | None, unit: str) -> str:
-    """A value with its unit; text stays as it is, None becomes nothing."""
+    """A value with its unit; text is unchanged, None is empty."""
     if value is None:
         return ""
     if isinstance(value, str):
         return value
-    shown, factor = _SCALES.get(unit, (unit, 1.0))
+    unit_name, factor = _SCALES.get(unit, (unit, 1.0))
     if unit == "m" and 0 < abs(value) < 1e-4:
-        shown, factor = "µm", 1e6
-    return f"{value * factor:.4g} {shown}".strip()
+        unit_name, factor = "µm", 1e6
+    return f"{value * factor:.4g} {unit_name}".strip()
 
 
 def limits(least: float | None, largest: float | None, unit: str) -> str:
@@ -26,13 +26,13 @@ def limits(least: float | None, largest: float | None, unit: str) -> str:
 
 
 def check_limits(record: dict[str, Any]) -> tuple[float | None, float | None]:
-    """Least and largest value that an entry of summary.json's `checks` allows."""
+    """Lower and upper limit of an entry of summary.json's `checks`."""
     limit = record["limit"]
     return (limit[0], limit[1]) if isinstance(limit, list) else (None, limit)
 
 
 def verdict(record: dict[str, Any]) -> str:
-    """holds, failed, or nothing for a figure that is only reported."""
+    """The word holds or failed; empty for a check without limits."""
     if check_limits(record) == (None, None):
         return ""
     return "holds" if record["passed"] else "failed"

@@ -1,4 +1,4 @@
-"""What a run leaves on disk: results.csv, or other formats, and summary.json, each whole or not at all."""
+"""Result files of a run: results.csv or other formats, and summary.json; each is written whole or not at all."""
 
 import csv
 import json
@@ -18,9 +18,9 @@ from flexbeams.scenarios.simulation.recording import Recording
 def write_results(
     folder: Path, recording: Recording, summary: dict[str, Any], formats: Sequence[Format] = ("csv",)
 ) -> None:
-    """results.<format> for each format, then summary.json; an earlier run's summary and other formats go before.
+    """Writes results.<format> for each format, then summary.json.
 
-    Where summary.json is missing, the run did not get as far as that.
+    The summary and other formats of an earlier run are removed first: a missing summary.json marks an unfinished run.
     """
     summary = _plain(summary)
     remove_file(folder / "summary.json")
@@ -35,10 +35,10 @@ def write_results(
 
 
 def write_csv(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
-    """RFC 4180, with the shortest digits that give the same double."""
+    """Writes a CSV file (RFC 4180) with the shortest digits that give the same double."""
     header = ",".join(["time", *(f'"{c}"' if "," in c else c for c in recording.columns)]).encode()
     table = np.column_stack([recording.time, recording.values])
-    if np.isfinite(table).all():  # JSON, which knows no infinities, is the fastest way to the shortest digits
+    if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
         rows = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n")
     else:
         rows = "\n".join(",".join(map(repr, row)) for row in table.tolist()).encode()
@@ -46,7 +46,7 @@ def write_csv(path: Path, recording: Recording, summary: dict[str, Any]) -> None
 
 
 def read_results(path: Path) -> Recording:
-    """The recording in a results.csv; InputError where the file is none."""
+    """The recording in a results.csv; InputError for any other file."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             header = next(csv.reader(file))
@@ -57,7 +57,7 @@ def read_results(path: Path) -> Recording:
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no infinities and no NaN: they become null."""
+    """JSON-compatible values: infinities and NaN become null."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

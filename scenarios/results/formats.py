@@ -1,13 +1,13 @@
-"""Results for other tools: Parquet for tables of any size, MAT for MATLAB and Octave.
+"""Result files for other tools: Parquet for tables of any size, MAT for MATLAB and Octave.
 
-Parquet has the columns of results.csv, and summary.json as the metadata entry `flexbeams`.
+A Parquet file has the columns of results.csv, and summary.json as the metadata entry `flexbeams`.
 
-MAT (version 5) holds `time` (rows, 1); a struct for each instance with a field for each variable, scalars (rows, 1)
-and arrays (rows, elements) in the order of results.csv: plant.y_pi(:, 2) is `plant.y_pi[2]`; the struct `columns`, of
-the same make, with the names of those columns as cells; and the struct `run` with what summary.json says of the run.
-Indices drop out of a name, other characters than letters, digits and underscores become underscores:
-`plant.beam[2].tip_mass` is plant.beam_tip_mass. A name that does not begin with a letter gets an x before it, one
-that is taken a number behind it.
+A MAT file (version 5) holds `time` (rows, 1); a struct for each instance with a field for each variable, scalars
+(rows, 1) and arrays (rows, elements) in the order of results.csv: plant.y_pi(:, 2) is `plant.y_pi[2]`; the struct
+`columns` of the same form with the names of those columns as cells; and the struct `run` with entries of summary.json.
+Indices are removed from names, and characters other than letters, digits and underscores become underscores:
+`plant.beam[2].tip_mass` is plant.beam_tip_mass. A name that does not begin with a letter gets the prefix x, a duplicate
+a number at its end.
 """
 
 import io
@@ -29,8 +29,8 @@ from flexbeams.scenarios.simulation.recording import Recording
 Format = Literal["csv", "parquet", "mat"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 
-_LONGEST = 63  # characters of a MATLAB name
-_LARGEST = 2**31 - 2**16  # bytes of a variable in a MAT file of version 5
+_MAX_NAME_LENGTH = 63  # characters of a MATLAB name
+_MAX_ARRAY_BYTES = 2**31 - 2**16  # bytes of a variable in a MAT file of version 5
 _KEYWORDS = (
     "break",
     "case",
@@ -63,7 +63,7 @@ def require_formats(formats: Sequence[Format]) -> None:
 
 
 def write_parquet(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
-    """One file with a column of doubles for the time and for each signal."""
+    """Writes one file with a column of doubles for the time and for each signal."""
     import pyarrow
     import pyarrow.parquet
 
@@ -78,15 +78,15 @@ def write_parquet(path: Path, recording: Recording, summary: dict[str, Any]) -> 
 
 
 def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
-    """One file of MAT version 5; InputError where an array is larger than that can hold."""
+    """Writes one MAT file of version 5; InputError where an array is too large for that format."""
     from scipy.io import savemat
 
     structs, columns = _structs(recording)
     largest = max(array.nbytes for struct in structs.values() for array in struct.values())
-    if largest > _LARGEST:
+    if largest > _MAX_ARRAY_BYTES:
         raise InputError(
             "",
-            "must have arrays of less than 2 GiB in a MAT file of version 5 (take --decimate, or --format parquet)",
+            "must have arrays of less than 2 GiB in a MAT file of version 5 (use --decimate or --format parquet)",
             f"{largest / 2**30:.1f} GiB",
             source=str(path),
         )
@@ -102,7 +102,7 @@ def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None
         long_field_names=True,
         do_compression=True,
     )
-    content = b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # instead of the date
+    content = b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # in place of the date
     write_whole(path, content)
 
 
@@ -118,20 +118,21 @@ def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[st
     columns: dict[str, dict[str, Any]] = {}
     for owner, variables in grouped.items():
         fields = matlab_names(variables)
-        structs[owners[owner]] = {fields[n]: recording.values[:, places] for n, places in variables.items()}
+        structs[owners[owner]] = {fields[n]: recording.values[:, indices] for n, indices in variables.items()}
         columns[owners[owner]] = {
-            fields[n]: np.array([recording.columns[k] for k in places], dtype=object) for n, places in variables.items()
+            fields[n]: np.array([recording.columns[k] for k in indices], dtype=object)
+            for n, indices in variables.items()
         }
     return structs, columns
 
 
 def matlab_names(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
-    """For each name one that MATLAB accepts, all different and none of those taken."""
+    """A valid MATLAB name for each name, all different and none of those taken."""
     used, chosen = {*taken, *_KEYWORDS}, {}
     for name in names:
         text = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        text = (text if text[:1].isalpha() else f"x{text}")[:_LONGEST]
-        candidates = (f"{text[: _LONGEST - 4]}_{k}" for k in count(2))
+        text = (text if text[:1].isalpha() else f"x{text}")[:_MAX_NAME_LENGTH]
+        candidates = (f"{text[: _MAX_NAME_LENGTH - 4]}_{k}" for k in count(2))
         chosen[name] = text if text not in used else next(c for c in candidates if c not in used)
         used.add(chosen[name])
     return chosen

@@ -8,11 +8,11 @@ from typing import Any
 from flexbeams.controller.design import Design
 from flexbeams.plant.archive import remove_file
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.importing.ssp import is_package
+from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.report.figure_process import FigureProcess
+from flexbeams.scenarios.results.checks import Outcome
 from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.formats import Format
-from flexbeams.scenarios.results.metrics import Outcome
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.runs.scenario import run_scenario, write_run
 from flexbeams.scenarios.simulation.recording import Recording

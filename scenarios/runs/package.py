@@ -10,8 +10,9 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.importing.archives import Allowance
-from flexbeams.scenarios.importing.ssp import Package, open_package
+from flexbeams.scenarios.importing.archives import ExtractionBudget
+from flexbeams.scenarios.importing.package import Package
+from flexbeams.scenarios.importing.ssp import open_package
 from flexbeams.scenarios.runs.prepare import PreparedRun, require_one_design, require_room, whole_steps
 from flexbeams.scenarios.runs.scenario import run_summary, step_units
 from flexbeams.scenarios.runs.start_values import require_open, start_values
@@ -40,9 +41,9 @@ def run_package(
     for option, value in (("--structure", settings.structure), ("--basis", settings.basis)):
         if value is not None:
             raise InputError(option, "belongs to scenarios, the units of a package are built", value)
-    source, allowance, settings = str(file), Allowance(), replace(settings, record_animation=False)
+    source, budget, settings = str(file), ExtractionBudget(), replace(settings, record_animation=False)
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        package, descriptions = _opened(file, Path(folder) / "package", allowance)
+        package, descriptions = _opened(file, Path(folder) / "package", budget)
         scenario = _scenario(package, descriptions, settings, source)
         draft = _draft(package, scenario, descriptions, settings, source)
         recording = step_units(
@@ -53,7 +54,7 @@ def run_package(
             source,
             notify,
             progress,
-            allowance,
+            budget,
         )
     ids = {str(v.start) for d in descriptions.values() for v in d.modelVariables if v.name == "design_id"}
     summary = run_summary(
@@ -65,11 +66,11 @@ def run_package(
 def require_package(file: Path) -> None:
     """InputError for a package that cannot be run, before there is a folder for its results."""
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        _opened(file, Path(folder) / "package", Allowance())
+        _opened(file, Path(folder) / "package", ExtractionBudget())
 
 
-def _opened(file: Path, folder: Path, allowance: Allowance) -> tuple[Package, dict[str, Any]]:
-    package = open_package(file, folder, allowance)
+def _opened(file: Path, folder: Path, budget: ExtractionBudget) -> tuple[Package, dict[str, Any]]:
+    package = open_package(file, folder, budget)
     descriptions = unit_descriptions(package, str(file))
     if problems := structure_problems(package, descriptions):
         raise InputError("", problems[0], source=str(file))
@@ -94,13 +95,13 @@ def _scenario(package: Package, descriptions: dict[str, Any], settings: Settings
     if not 0 < stop < float("inf"):
         raise InputError("stop_time", "must be finite and > 0", stop, source=source)
     return Scenario(
-        title=package.about or package.name,
+        title=package.description or package.name,
         structure="",
         stop_time=stop,
         step=step,
         coupling=settings.coupling or package.coupling or "jacobi",
         instance={name: Instance(fmu=c.fmu.name) for name, c in package.components.items()},
-        connection=[Connection(**{"from": ".".join(w.start), "to": ".".join(w.end)}) for w in package.wires],
+        connection=[Connection(**{"from": ".".join(c.start), "to": ".".join(c.end)}) for c in package.connections],
     )
 
 

@@ -16,7 +16,7 @@ from multiprocessing.synchronize import Event
 from flexbeams.controller.design import Design
 from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.definition.schema import find_scenario
-from flexbeams.scenarios.importing.ssp import is_package
+from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt, ignore_interrupts_in_children
 from flexbeams.scenarios.runs.job import CHECK_FAILED, FAILED, INTERRUPTED, OK, Job, JobResult, run_job
 from flexbeams.scenarios.runs.progress import Display

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.units.shipped import interface_of
+from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import require_sampled
-from flexbeams.scenarios.importing.extraction import unit_description
+from flexbeams.scenarios.importing.fmu import unit_description
+from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.curves import figure_curve
-from flexbeams.scenarios.results.metrics import Measurement
 from flexbeams.scenarios.runs.start_values import require_open, start_values
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.wiring import Wiring, WiringBuilder
@@ -109,7 +109,7 @@ def require_figures(scenario: Scenario, columns: list[str], open_loop: list[str]
                 curve = figure_curve(name, recording, other, figure.points, f"figure[{k}]")
             except InputError as error:
                 raise error.at(source) from None
-            if not curve.places:
+            if not curve.columns:
                 raise InputError(f"figure[{k}].points", f"must have one within {name}", figure.points, source=source)
 
 
@@ -160,7 +160,7 @@ def _declared(
                 unit=v.unit,
                 nominal=v.nominal,
             )
-            for v in interface_of(instance.unit, design, models[name])
+            for v in require_kind(instance.unit, f"instance.{name}.unit").declare(design, models[name])
         }
         return InstanceDeclaration(description=SimpleNamespace(modelName=instance.unit), variables=variables)
     key, file = f"instance.{name}.fmu", path.parent / str(instance.fmu)

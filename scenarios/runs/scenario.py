@@ -13,6 +13,7 @@ from fmpy import read_model_description
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.plant.archive import remove_file
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError, InputError
@@ -20,12 +21,12 @@ from flexbeams.plant.galerkin import BasisName, BeamModel
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.definition.schema import Scenario, find_scenario, first_comment, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.importing.archives import Allowance
+from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
+from flexbeams.scenarios.results.checks import Measurement, Outcome, standard_metrics
 from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.formats import Format
-from flexbeams.scenarios.results.metrics import Measurement, Outcome, standard_metrics
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run, require_figures, unit_models, with_open_loop
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.failure import UnitFailure
@@ -191,15 +192,17 @@ def step_units(
     source: str,
     notify: Callable[[str], None],
     progress: Callable[[int, int], None],
-    allowance: Allowance | None = None,
+    budget: ExtractionBudget | None = None,
 ) -> Recording:
-    """Loads the units of the instances and steps them by the wiring; `allowance` bounds what is extracted in all."""
+    """Loads the units of the instances and steps them by the wiring; `budget` bounds what is extracted in all."""
     wiring, steps = draft.wiring, draft.steps
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
         instances: dict[str, UnitInstance] = {}
         try:
             for name, file in files.items():
-                instances[name] = _instance(name, file, Path(folder) / name, source, notify, allowance or Allowance())
+                instances[name] = _instance(
+                    name, file, Path(folder) / name, source, notify, budget or ExtractionBudget()
+                )
             if settings.record_animation:
                 wiring.frames = frame_layout(instances, wiring.sources, wiring.inputs)
             simulation = CoSimulation(
@@ -219,11 +222,11 @@ def step_units(
 
 
 def _instance(
-    name: str, file: Path, folder: Path, source: str, notify: Callable[[str], None], allowance: Allowance
+    name: str, file: Path, folder: Path, source: str, notify: Callable[[str], None], budget: ExtractionBudget
 ) -> UnitInstance:
     """An instance of an FMU's file, extracted to a folder."""
     try:
-        allowance.extract(file, folder, _LOADED)
+        budget.extract(file, folder, _LOADED)
         return UnitInstance(name, folder, read_model_description(str(folder), validate=False), notify)
     except Exception as error:
         reason = " ".join((str(error).strip() or type(error).__name__).splitlines())
@@ -253,7 +256,10 @@ def unit_files(
 ) -> dict[str, Path]:
     """The FMU of every instance, in the order of the scenario; missing ones are built, with `models` where given."""
     models = models or unit_models(path, scenario, design, settings)
-    wanted = {name: (str(scenario.instance[name].unit), model) for name, model in models.items()}
+    wanted = {
+        name: (require_kind(str(scenario.instance[name].unit), f"instance.{name}.unit"), model)
+        for name, model in models.items()
+    }
     built = ensure_units(
         wanted, design, settings.build_folder, notify, backend=settings.backend, compiler=settings.compiler
     )
@@ -328,14 +334,14 @@ def write_run(
         figure_plots(run.scenario, run.recording, folder, run.open_loop) if figures and run.recording.complete else []
     )
     if plots and beside:
-        beside.begin(plots)
+        beside.start(plots)
     write_results(folder, run.recording, run.summary, formats)
     if report and run.recording.complete:
         from flexbeams.scenarios.report.report import write_report
 
         write_report(run, folder)
     if plots and beside:
-        beside.finish()
+        beside.wait()
     elif plots:
         from flexbeams.scenarios.report.figures import write_figures
 

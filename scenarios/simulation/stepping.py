@@ -92,7 +92,7 @@ class PythonStepper:
             instance.read()
 
 
-class _Instance(ctypes.Structure):
+class _Unit(ctypes.Structure):
     _fields_ = [
         ("component", ctypes.c_void_p),
         ("get_real", ctypes.c_void_p),
@@ -118,8 +118,8 @@ class _Instance(ctypes.Structure):
 
 class _Run(ctypes.Structure):
     _fields_ = [
-        ("instances", ctypes.POINTER(_Instance)),
-        ("n_instances", ctypes.c_size_t),
+        ("units", ctypes.POINTER(_Unit)),
+        ("n_units", ctypes.c_size_t),
         ("gauss_seidel", ctypes.c_int),
         ("step", ctypes.c_double),
         ("signals", ctypes.c_void_p),
@@ -128,7 +128,7 @@ class _Run(ctypes.Structure):
         ("recorded", ctypes.c_void_p),
         ("n_spans", ctypes.c_size_t),
         ("n_recorded", ctypes.c_size_t),
-        ("failed_instance", ctypes.c_int64),
+        ("failed_unit", ctypes.c_int64),
         ("failed_function", ctypes.c_int),
         ("failed_status", ctypes.c_int),
     ]
@@ -159,12 +159,12 @@ class NativeStepper:
         self._library.time_block.restype = ctypes.c_size_t
         self._library.pace_clock.restype = ctypes.c_double
         self._kept: list[Any] = []  # what the C structures point to
-        table = (_Instance * len(instances))(*[self._describe(i) for i in self._instances])
+        table = (_Unit * len(instances))(*[self._describe(i) for i in self._instances])
         recorded = _spans(bus.recorded)
         self._kept.append(recorded)
         self._run = _Run(
-            instances=table,
-            n_instances=len(instances),
+            units=table,
+            n_units=len(instances),
             gauss_seidel=bus.coupling != "jacobi",
             step=bus.step,
             signals=bus.signals.ctypes.data,
@@ -214,7 +214,7 @@ class NativeStepper:
         """The steps done; UnitFailure where they are fewer than `count`."""
         self.done = first + done
         if done < count:
-            instance = self._instances[self._run.failed_instance]
+            instance = self._instances[self._run.failed_unit]
             function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
             raise UnitFailure(
                 instance.name,
@@ -224,7 +224,7 @@ class NativeStepper:
             )
         return done
 
-    def _describe(self, instance: UnitInstance) -> _Instance:
+    def _describe(self, instance: UnitInstance) -> _Unit:
         references = instance.references
         sources = _spans(self._bus.sources[instance.name])
         scratch = np.zeros(max(len(references.integers) + len(references.booleans), 1), np.int32)
@@ -234,7 +234,7 @@ class NativeStepper:
         ]
         self._kept += [sources, scratch, *arrays]
         written, read, integers, booleans = (a.ctypes.data for a in arrays)
-        return _Instance(
+        return _Unit(
             component=instance.component,
             written=written,
             n_written=len(references.written),
@@ -277,6 +277,6 @@ def stepper_library(folder: Path, compiler: str) -> Path:
     if not library.is_file():
         with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
             built = Path(temporary) / f"stepper{platform.suffix}"
-            find_compiler(compiler).build(built, [source], _NATIVE, platform)
+            find_compiler(compiler).build(built, [source], [_NATIVE], platform)
             write_whole(library, built.read_bytes())
     return library

@@ -1,4 +1,4 @@
-"""Does a package fit its units: connectors resolved, units consistent, start values those of the FMUs?"""
+"""Checks of a package against its FMUs: connectors, units of measurement, start values."""
 
 import tempfile
 import zipfile
@@ -9,19 +9,20 @@ from typing import Any
 from fmpy.validation import validate_fmu
 
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.importing.archives import Allowance
-from flexbeams.scenarios.importing.extraction import unit_description
-from flexbeams.scenarios.importing.ssp import Component, Connector, Package, Parameter, Wire, open_package
+from flexbeams.scenarios.importing.archives import ExtractionBudget
+from flexbeams.scenarios.importing.fmu import unit_description
+from flexbeams.scenarios.importing.package import Component, Connector, Package, PackageConnection, Parameter
+from flexbeams.scenarios.importing.ssp import open_package
 
 Value = float | bool | str
 
 
 def package_problems(file: Path) -> list[str]:
-    """Everything that is wrong with an SSP, a line each: schemas, structure, units, start values, its FMUs."""
+    """All problems of an SSP, one line each: schemas, structure, units, start values, its FMUs."""
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
         folder = Path(temporary) / "package"
         try:
-            package = open_package(file, folder, Allowance())
+            package = open_package(file, folder, ExtractionBudget())
             descriptions = unit_descriptions(package, str(file))
         except InputError as error:
             return [str(error).removeprefix(f"{file}: ").replace(f"{folder}/", "")]
@@ -32,30 +33,30 @@ def package_problems(file: Path) -> list[str]:
 
 
 def unit_problems(file: Path) -> list[str]:
-    """What breaks the rules of FMI in an FMU of any version, a line each."""
+    """Violations of FMI by an FMU of any version, one line each."""
     try:
-        Allowance().check(file)
+        ExtractionBudget().check(file)
         with zipfile.ZipFile(file) as archive:
             if damaged := archive.testzip():
-                return [f"{damaged} is damaged, its checksum does not fit"]
+                return [f"{damaged} is damaged: its checksum does not match"]
         return [" ".join(str(problem).split()) for problem in validate_fmu(str(file))]
     except InputError as error:
         return [str(error).removeprefix(f"{file}: ")]
-    except Exception as error:  # whatever FMPy makes of a damaged file
+    except Exception as error:  # FMPy raises various errors on a damaged file
         return [" ".join(str(error).split()) or type(error).__name__]
 
 
 def unit_descriptions(package: Package, source: str) -> dict[str, Any]:
-    """FMPy's description of each component's FMU; InputError for one that is no FMI 2.0 co-simulation unit."""
-    found: dict[Path, Any] = {}
+    """FMPy's description of each component's FMU; InputError where one is not an FMI 2.0 co-simulation unit."""
+    by_file: dict[Path, Any] = {}
     for name, component in package.components.items():
-        if component.fmu not in found:
-            found[component.fmu] = unit_description(component.fmu, f"Component {name} source", source)
-    return {name: found[component.fmu] for name, component in package.components.items()}
+        if component.fmu not in by_file:
+            by_file[component.fmu] = unit_description(component.fmu, f"Component {name} source", source)
+    return {name: by_file[component.fmu] for name, component in package.components.items()}
 
 
 def structure_problems(package: Package, descriptions: Mapping[str, Any]) -> list[str]:
-    """Connectors and start values that the units do not have so, and units of measurement that do not fit."""
+    """Connectors and start values that disagree with the FMUs, and inconsistent units of measurement."""
     problems = []
     for name, component in package.components.items():
         variables = {v.name: v for v in descriptions[name].modelVariables}
@@ -64,13 +65,13 @@ def structure_problems(package: Package, descriptions: Mapping[str, Any]) -> lis
             problems += [f"{name}.{connector.name} {p}" for p in _connector(connector, variables, dimensions)]
         for parameter in component.parameters:
             problems += [f"{name}.{parameter.name} {p}" for p in _parameter(parameter, variables, dimensions)]
-    for wire in package.wires:
-        problems += _wire(package, descriptions, wire)
+    for connection in package.connections:
+        problems += _connection(package, descriptions, connection)
     return problems
 
 
 def start_problems(package: Package, descriptions: Mapping[str, Any]) -> list[str]:
-    """Start values that differ from the unit's own: tools that ignore parameter sets run something else."""
+    """Start values that differ from the FMU's own: tools that ignore parameter sets would run another system."""
     problems = []
     for name, component in package.components.items():
         variables = {v.name: v for v in descriptions[name].modelVariables}
@@ -82,7 +83,7 @@ def start_problems(package: Package, descriptions: Mapping[str, Any]) -> list[st
 
 
 def start_table(component: Component) -> dict[str, Value]:
-    """Start values of a component by variable; of several for one the last."""
+    """Start values of a component by variable; the last one counts."""
     return {p.name: _value(p.type, p.value) for p in component.parameters}
 
 
@@ -95,7 +96,7 @@ def _value(kind: str, text: str) -> Value:
 def _connector(connector: Connector, variables: Mapping[str, Any], dimensions: Mapping[str, Any]) -> Iterator[str]:
     variable = variables.get(connector.name)
     if variable is None:
-        yield "is no variable of its FMU" + suggestion(connector.name, variables)
+        yield "is not a variable of its FMU" + suggestion(connector.name, variables)
         return
     if connector.kind in ("input", "output") and variable.causality != connector.kind:
         yield f"is an {connector.kind} in the package and {variable.causality} in its FMU"
@@ -108,10 +109,10 @@ def _connector(connector: Connector, variables: Mapping[str, Any], dimensions: M
 def _parameter(parameter: Parameter, variables: Mapping[str, Any], dimensions: Mapping[str, Any]) -> Iterator[str]:
     variable = variables.get(parameter.name)
     if variable is None:
-        yield "is no variable of its FMU" + suggestion(parameter.name, variables)
+        yield "is not a variable of its FMU" + suggestion(parameter.name, variables)
         return
     if variable.causality not in ("parameter", "input"):
-        yield f"is {variable.causality} in its FMU and takes no start value here"
+        yield f"is {variable.causality} in its FMU and cannot take a start value"
     elif parameter.type != variable.type:
         yield f"is {parameter.type} in the parameter set and {variable.type} in its FMU"
     elif parameter.type in ("Real", "Integer"):
@@ -122,8 +123,8 @@ def _parameter(parameter: Parameter, variables: Mapping[str, Any], dimensions: M
         yield f"has the unit {parameter.unit!r} in the parameter set and {variable.unit!r} in its FMU"
 
 
-def _wire(package: Package, descriptions: Mapping[str, Any], wire: Wire) -> Iterator[str]:
-    start, end = wire.start, wire.end
+def _connection(package: Package, descriptions: Mapping[str, Any], connection: PackageConnection) -> Iterator[str]:
+    start, end = connection.start, connection.end
     text = f"connection {'.'.join(start)} to {'.'.join(end)}"
     kinds, units = [], []
     for owner, name in (start, end):
@@ -133,21 +134,21 @@ def _wire(package: Package, descriptions: Mapping[str, Any], wire: Wire) -> Iter
         kinds.append(variable.type)
         units.append(package.components[owner].connectors[name].unit or variable.unit or "")
     if kinds != ["Real", "Real"]:
-        yield f"{text} joins {kinds[0]} and {kinds[1]}, connections of Real alone are supported"
+        yield f"{text} joins {kinds[0]} and {kinds[1]}, only connections between Real are supported"
     dimensions = _dimensions(package, descriptions[start[0]]) | _dimensions(package, descriptions[end[0]])
-    if wire.converted and not _same_unit(units[0], units[1], dimensions):
+    if connection.converted and not _same_unit(units[0], units[1], dimensions):
         yield f"{text} joins the units {units[0]!r} and {units[1]!r}, conversions are not supported"
 
 
 def _same_unit(one: str, other: str, dimensions: Mapping[str, Any]) -> bool:
-    """Equal names, equal definitions, or one of them unknown."""
+    """Whether names or definitions are equal, or one of them is unknown."""
     if not one or not other or one == other:
         return True
     return one in dimensions and dimensions[one] == dimensions.get(other)
 
 
 def _dimensions(package: Package, description: Any) -> dict[str, tuple[float, ...]]:
-    """Units by name, those of the package and of an FMU: exponents of SI's base units, factor and offset."""
+    """Units of the package and of an FMU by name: exponents of SI's base units, factor and offset."""
     own = {}
     for unit in description.unitDefinitions or []:
         if (base := unit.baseUnit) is not None:

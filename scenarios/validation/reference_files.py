@@ -1,4 +1,4 @@
-"""Reference results inside FMUs as FMI-LS-REF and MA-HS-Experiments lay them out, read for a run."""
+"""Experiments with reference results inside FMUs, in the formats FMI-LS-REF and MA-HS-Experiments."""
 
 import posixpath
 from collections.abc import Iterator
@@ -15,17 +15,17 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.declaration import TYPE_ORDER
 from flexbeams.scenarios.definition.time_table import TimeTable, read_time_table
-from flexbeams.scenarios.importing.documents import read_document, schema_problems
+from flexbeams.scenarios.importing.xml_reading import read_document, schema_problems
 
 Value = float | bool | str
-UNSTATED = 1e-6  # tolerance of an experiment that states none
-LONGEST = 10**6  # steps
-_EARLIER = "application/x-ma-ls-experiments"  # the type in FMI-LS-REF 1.0.0-alpha.1
+DEFAULT_TOLERANCE = 1e-6  # of an experiment without a tolerance
+MAX_STEPS = 10**6  # steps
+_OLD_TYPE = "application/x-ma-ls-experiments"  # the type in FMI-LS-REF 1.0.0-alpha.1
 _PARTS = ("TransientSimulation", "Parameters", "Stimuli", "References", "Annotations")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Declared:
+class DeclaredExperiment:
     """An experiment as a unit declares it; files are relative to `base`, a path inside the unit."""
 
     name: str
@@ -35,65 +35,65 @@ class Declared:
     parameters: Any = None
     settings: Any = None  # has startTime and stepSize
     tolerance: str | None = None
-    problem: str = ""  # why it cannot be run
+    problem: str = ""  # reason why it cannot be run
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
-    """An experiment, read: steps from `start` on, inputs and expected values."""
+class ReferenceRun:
+    """An experiment to simulate: steps from `start` on, inputs and expected values."""
 
     start: float  # s
     step: float  # s
-    ticks: list[int]  # steps done at each row of the references
+    steps_done: list[int]  # steps done at each row of the references
     tolerance: float
     parameters: dict[str, Value]
     names: list[str]  # of the references, Real before Integer before Boolean
-    expected: Array  # (len(ticks), len(names))
+    expected: Array  # (len(steps_done), len(names))
     inputs: list[str]
     driven: Array  # (steps + 1, len(inputs))
 
 
-def declared_experiments(folder: Path, description: Any) -> list[Declared]:
-    """What the manifest of an extracted unit names: experiments, and results of the default experiment."""
+def declared_experiments(folder: Path, description: Any) -> list[DeclaredExperiment]:
+    """Experiments in the manifest of an extracted unit, and results of its default experiment."""
     manifest = _document(folder, MANIFEST)
     if manifest.tag.rpartition("}")[2] != "fmiReferences":
         raise InputError(MANIFEST, "must be a manifest of fmiReferences", manifest.tag)
-    found = list(_experiments(manifest, MANIFEST))  # as drafts before 1.0.0-alpha.1 have it
+    experiments = list(_experiments(manifest, MANIFEST))  # the place in drafts before 1.0.0-alpha.1
     for related in manifest.iterfind("{*}Related"):
         role, _, purpose = related.get("role", "").partition("/")
         if (
             role == "experiment"
             and purpose != "uncertainty-analysis"
-            and related.get("type") in (EXPERIMENTS_TYPE, _EARLIER)
+            and related.get("type") in (EXPERIMENTS_TYPE, _OLD_TYPE)
         ):
             where = _member(folder, MANIFEST, related.get("source", ""))
-            found += _experiments(_document(folder, where), where)
-    known = {
+            experiments += _experiments(_document(folder, where), where)
+    referenced = {
         posixpath.normpath(posixpath.join(posixpath.dirname(e.base), e.references.get("source", "")))
-        for e in found
+        for e in experiments
         if e.references is not None
     }
     for related in manifest.iterfind("{*}Related[@role='result']"):
         source = related.get("source", "")
-        if posixpath.normpath(posixpath.join(FOLDER, source)) not in known:
+        if posixpath.normpath(posixpath.join(FOLDER, source)) not in referenced:
             open_inputs = any(v.causality == "input" for v in description.modelVariables)
-            found.append(
-                Declared(
+            experiments.append(
+                DeclaredExperiment(
                     name=source,
                     base=MANIFEST,
                     references=related,
                     problem="has no stimuli for the unit's inputs" if open_inputs else "",
                 )
             )
-    return found
+    return experiments
 
 
-def _experiments(root: Any, base: str) -> Iterator[Declared]:
+def _experiments(root: Any, base: str) -> Iterator[DeclaredExperiment]:
     for element in root.iterfind("{*}Experiment"):
         parts = {child.tag.rpartition("}")[2]: child for child in element}
         others = [name for name in parts if name not in _PARTS]
         missing = "" if "References" in parts else "has no reference results"
-        yield Declared(
+        yield DeclaredExperiment(
             name=element.get("name", ""),
             base=base,
             references=parts.get("References"),
@@ -105,8 +105,8 @@ def _experiments(root: Any, base: str) -> Iterator[Declared]:
         )
 
 
-def read_trial(folder: Path, description: Any, experiment: Declared) -> Trial:
-    """The files of an experiment, checked against the unit's variables; InputError for what is not supported."""
+def read_reference_run(folder: Path, description: Any, experiment: DeclaredExperiment) -> ReferenceRun:
+    """The files of an experiment, checked against the unit's variables; InputError for unsupported features."""
     if experiment.problem:
         raise InputError("", experiment.problem)
     variables = {v.name: v for v in description.modelVariables}
@@ -114,31 +114,31 @@ def read_trial(folder: Path, description: Any, experiment: Declared) -> Trial:
     references = _table(folder, experiment.base, experiment.references, variables)
     settings: Any = {} if experiment.settings is None else experiment.settings
     start = _number(settings.get("startTime") or getattr(default, "startTime", None) or "0", "startTime")
-    apart = np.diff(references.time)
+    spacing = np.diff(references.time)
     step = _number(
         settings.get("stepSize")
         or getattr(default, "stepSize", None)
-        or (repr(float(apart.min())) if len(apart) else "1"),
+        or (repr(float(spacing.min())) if len(spacing) else "1"),
         "stepSize",
     )
     if step <= 0:
         raise InputError("stepSize", "must be > 0", step)
-    ticks = (references.time - start) / step
-    if ticks[0] < -1e-6 or ticks[-1] > LONGEST:
-        raise InputError("References", f"must lie within {LONGEST} steps of {step:g} s from {start:g} s on")
-    if np.max(np.abs(ticks - np.round(ticks))) > 1e-6:
-        raise InputError("References", f"must have rows at multiples of {step:g} s alone")
+    steps_done = (references.time - start) / step
+    if steps_done[0] < -1e-6 or steps_done[-1] > MAX_STEPS:
+        raise InputError("References", f"must lie within {MAX_STEPS} steps of {step:g} s from {start:g} s on")
+    if np.max(np.abs(steps_done - np.round(steps_done))) > 1e-6:
+        raise InputError("References", f"must have rows at multiples of {step:g} s only")
     names = sorted(_selected(experiment.references, references), key=lambda n: TYPE_ORDER.index(variables[n].type))
     stimuli = None if experiment.stimuli is None else _table(folder, experiment.base, experiment.stimuli, variables)
     inputs = [] if stimuli is None else stimuli.columns
     for name in inputs:
         if variables[name].causality != "input" or variables[name].type != "Real":
             raise InputError(name, "must be a Real input to be driven by stimuli", variables[name].type)
-    times = start + step * np.arange(round(float(ticks[-1])) + 1.0)
-    return Trial(
+    times = start + step * np.arange(round(float(steps_done[-1])) + 1.0)
+    return ReferenceRun(
         start=start,
         step=step,
-        ticks=np.round(ticks).astype(int).tolist(),
+        steps_done=np.round(steps_done).astype(int).tolist(),
         names=names,
         tolerance=_tolerance(experiment.tolerance),
         parameters=_parameters(folder, experiment, variables),
@@ -149,15 +149,18 @@ def read_trial(folder: Path, description: Any, experiment: Declared) -> Trial:
 
 
 def values_at(stimuli: TimeTable, times: Array, step: float, variables: dict[str, Any]) -> Array:
-    """Stimuli at each time, (k, columns): the last row of a time, and between rows joined, of discrete ones held."""
-    place = np.searchsorted(stimuli.time, times + 1e-6 * step, side="right") - 1
-    row, after = np.maximum(place, 0), np.minimum(place + 1, len(stimuli.time) - 1)
+    """Stimuli at each time, (k, columns): interpolated linearly between rows, discrete ones held.
+
+    Where a time occurs twice, the last row counts.
+    """
+    index = np.searchsorted(stimuli.time, times + 1e-6 * step, side="right") - 1
+    row, after = np.maximum(index, 0), np.minimum(index + 1, len(stimuli.time) - 1)
     gap = np.where(stimuli.time[after] > stimuli.time[row], stimuli.time[after] - stimuli.time[row], np.inf)
-    share = np.clip((times - stimuli.time[row]) / gap, 0, 1)
-    share[np.abs(times - stimuli.time[row]) <= 1e-6 * step] = 0.0
-    joined = np.array([variables[n].variability not in ("discrete", "tunable") for n in stimuli.columns])
+    fraction = np.clip((times - stimuli.time[row]) / gap, 0, 1)
+    fraction[np.abs(times - stimuli.time[row]) <= 1e-6 * step] = 0.0
+    continuous = np.array([variables[n].variability not in ("discrete", "tunable") for n in stimuli.columns])
     here, there = stimuli.values[row], stimuli.values[after]
-    values: Array = np.where(joined & (share[:, None] > 0), here + share[:, None] * (there - here), here)
+    values: Array = np.where(continuous & (fraction[:, None] > 0), here + fraction[:, None] * (there - here), here)
     return values
 
 
@@ -178,16 +181,16 @@ def _table(folder: Path, base: str, element: Any, variables: dict[str, Any]) -> 
 
 
 def _selected(element: Any, table: TimeTable) -> list[str]:
-    """The signals that References picks, all where it picks none."""
-    picked = [s.get("name", "") for s in element.iterfind("{*}Signal")]
-    for name in picked:
+    """The signals that References selects, by default all."""
+    selected = [s.get("name", "") for s in element.iterfind("{*}Signal")]
+    for name in selected:
         if name not in table.columns:
             raise InputError("Signal", "must name a column of the references" + suggestion(name, table.columns), name)
-    return picked or table.columns
+    return selected or table.columns
 
 
-def _parameters(folder: Path, experiment: Declared, variables: dict[str, Any]) -> dict[str, Value]:
-    """Values of a parameter set, in the units of measurement of the unit."""
+def _parameters(folder: Path, experiment: DeclaredExperiment, variables: dict[str, Any]) -> dict[str, Value]:
+    """Values of a parameter set, in the FMU's units of measurement."""
     element = experiment.parameters
     if element is None:
         return {}
@@ -224,7 +227,7 @@ def _document(folder: Path, where: str) -> Any:
 
 
 def _member(folder: Path, base: str, source: str) -> str:
-    """Path inside the unit of a file that is named relative to another one; nothing else is opened."""
+    """Path inside the FMU of a file named relative to `base`; nothing outside is opened."""
     try:
         parts = urlsplit(source)
     except ValueError as error:
@@ -233,17 +236,17 @@ def _member(folder: Path, base: str, source: str) -> str:
     if parts.scheme or parts.netloc or where.startswith(("..", "/")) or "\\" in where or "\0" in where:
         raise InputError(source, "must be a path inside the unit")
     try:
-        found = (folder / where).is_file()
-    except OSError:  # a name that no system takes
-        found = False
-    if not found:
+        exists = (folder / where).is_file()
+    except OSError:  # a name that the system does not allow
+        exists = False
+    if not exists:
         raise InputError("source", "must be a file in the unit", source[:80])
     return where
 
 
 def _tolerance(text: str | None) -> float:
-    """Relative; above 1 it would say nothing."""
-    value = _number(text, "tolerance") if text else UNSTATED
+    """Relative tolerance, at most 1."""
+    value = _number(text, "tolerance") if text else DEFAULT_TOLERANCE
     if not 0 < value <= 1:
         raise InputError("tolerance", "must be > 0 and <= 1", value)
     return value

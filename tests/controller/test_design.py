@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
@@ -9,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.canonical import RELIABLE_GAP
+from flexbeams.controller.design import Design, compute_design, fingerprint, identify
 from flexbeams.controller.design_file import read_design, write_design
 from flexbeams.controller.options import DesignOptions, Weights
 from flexbeams.plant.archive import npz_bytes, read_arrays
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.plant.validation import validate
-from tests.oracles.examples import five_beams, single_beam, three_beams
+from tests.oracles.examples import five_beams, single_beam, three_beams, uncoupled_beams
 
 KIEL = read_structure(find_structure("kiel"))
 
@@ -144,7 +146,7 @@ def test_file_holds_the_design_bit_by_bit(written: Path) -> None:
     assert again.read_bytes() == written.read_bytes()
 
 
-def test_same_inputs_give_the_same_bytes(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equal_inputs_give_equal_bytes_on_one_machine(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TZ", "Asia/Tokyo")
     again = written.with_name("again.npz")
     write_design(compute_design(read_structure(find_structure("kiel")), DesignOptions()), again)
@@ -174,7 +176,25 @@ def test_id_depends_on_every_option() -> None:
         for f in fields(Weights)
     ]
     assert len(set(ids)) == len(ids)
-    assert all(len(i) == 32 and int(i, 16) >= 0 for i in ids)
+    assert all(re.fullmatch(r"[0-9a-f]{32}(-[0-9a-f]{8})?", i) for i in ids)
+
+
+def test_id_is_that_of_the_inputs_where_coordinates_are_reliable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not of the arrays' last bits; but of the method's version."""
+    assert design().design_id == identify(KIEL, DesignOptions())
+    assert design().summary["truncation_gap"] > RELIABLE_GAP
+    monkeypatch.setattr("flexbeams.controller.design.METHOD", 10**6)
+    assert identify(KIEL, DesignOptions()) != design().design_id
+
+
+def test_unreliable_coordinates_carry_a_fingerprint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A truncation between nearly equal singular values, here of uncoupled equal beams."""
+    structure = uncoupled_beams()
+    made = compute_design(structure, DesignOptions(reduced_modes=1, order=6))
+    assert made.summary["truncation_gap"] > RELIABLE_GAP
+    monkeypatch.setattr("flexbeams.controller.canonical.RELIABLE_GAP", 1.0)
+    marked = compute_design(structure, DesignOptions(reduced_modes=1, order=6))
+    assert marked.design_id == f"{made.design_id}-{fingerprint(made.arrays)[:8]}"
 
 
 def test_id_depends_on_every_kind_of_value_of_the_structure() -> None:
@@ -198,7 +218,7 @@ def test_defaults_are_written_out() -> None:
 
 
 @pytest.mark.parametrize("name", ["A_d", "estimator_gain", "shape_values", "transition_constants"])
-def test_an_altered_array_gives_another_id(written: Path, name: str) -> None:
+def test_an_altered_array_is_noticed(written: Path, name: str) -> None:
     arrays = read_arrays(written)
     arrays[name].flat[-1] = np.nextafter(arrays[name].flat[-1], 2.0)
     written.write_bytes(npz_bytes(arrays))
@@ -230,7 +250,12 @@ def test_another_format_is_refused(written: Path) -> None:
         read_design(spoiled(written, format=99))
 
 
-@pytest.mark.parametrize("missing", ["format", "structure", "options", "summary"])
+def test_a_file_of_another_method_is_refused(written: Path) -> None:
+    with pytest.raises(InputError, match=r"design.npz: method must be \d+; make the design again, got 1"):
+        read_design(spoiled(written, method=1))
+
+
+@pytest.mark.parametrize("missing", ["format", "method", "structure", "options", "summary", "design_id", "checksum"])
 def test_a_file_without_a_part_is_refused(written: Path, missing: str) -> None:
     with pytest.raises(InputError, match=r"design\.npz: is not a flexbeams design file"):
         read_design(spoiled(written, **{missing: None}))

@@ -29,7 +29,7 @@ from flexbeams.scenarios.runs.scenario import prepare, run_scenario
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
-from tests.native.workshop import native_folder, needs_zig, workspace
+from tests.native.workshop import native_folder, workspace
 from tests.units.loaded import Loaded, loaded
 
 SAMPLE = 2e-4
@@ -67,7 +67,7 @@ to = "second.u"
 from = "second.y_pm"
 to = "controller.y_pm"
 """
-pytestmark = [needs_zig, pytest.mark.usefixtures("known_designs")]
+pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
 
 
 def settings(**changed: Any) -> Settings:
@@ -96,7 +96,13 @@ def stimuli(scenario: str, inputs: list[str], **changed: Any) -> Array:
     for span, signal in draft.wiring.external:
         signals[:, span] = signal if isinstance(signal, float) else signal.sample(time)
     places = {f"{owner}.{name}": place for owner, pairs in draft.wiring.inputs.items() for name, place in pairs}
+    places |= {name.partition(".")[2]: place for name, place in places.items()}
     return np.column_stack([signals[:, places[n]] if n in places else np.zeros(len(time)) for n in inputs])
+
+
+def unit_name(unit: Loaded, name: str) -> str:
+    """A variable <part>.<variable> as the unit calls it."""
+    return name if name in unit.variables else name.partition(".")[2]
 
 
 def drive(unit: Loaded, rows: Array, columns: list[str], step: float, every: int = 1, added_up: bool = False) -> Array:
@@ -104,6 +110,7 @@ def drive(unit: Loaded, rows: Array, columns: list[str], step: float, every: int
 
     The host steps by `every` of them, its clock exact or added up.
     """
+    columns = [unit_name(unit, column) for column in columns]
     order = sorted(columns, key=lambda c: TYPE_ORDER.index(unit.variables[c].type))
     values = np.zeros(len(columns))
     unit.connect(order, values, [n for n, v in unit.variables.items() if v.causality == "input"])
@@ -203,7 +210,7 @@ def test_steps_that_end_between_the_inner_ones() -> None:
     found = {}
     for name, steps in divisions.items():
         with loaded(tracking()) as unit:
-            found[name] = walk(unit.begin(), steps, **{"feedforward.y_target": TARGET, "plant.force": 0.02})
+            found[name] = walk(unit.begin(), steps, **{"y_target": TARGET, "force": 0.02})
     scale = np.maximum(np.abs(found["inner"]), 1e-9 * np.max(np.abs(found["inner"])))
     for name in divisions:
         assert np.max(np.abs(found[name] - found["inner"]) / scale) < 1e-8, name
@@ -216,24 +223,24 @@ def test_between_the_inner_steps_the_plant_is_exact() -> None:
         plant.begin()
         for _ in range(300):
             plant.put("u", unit.take("plant.u"))
-            for one, prefix in ((unit, "plant."), (plant, "")):
-                one.advance(SAMPLE, **{f"{prefix}force": [0.0, 0.1, 0.0]})
-            unit.put("feedforward.y_target", TARGET)
+            for one in (unit, plant):
+                one.advance(SAMPLE, force=[0.0, 0.1, 0.0])
+            unit.put("y_target", TARGET)
         plant.put("u", unit.take("plant.u"))
-        for one, prefix in ((unit, "plant."), (plant, "")):
-            one.advance(SAMPLE / 2, **{f"{prefix}force": [-0.3, 0.1, 0.0]})
-        np.testing.assert_allclose(unit.take("plant.y_pi", "plant.energy"), plant.take("y_pi", "energy"), rtol=1e-10)
+        for one in (unit, plant):
+            one.advance(SAMPLE / 2, force=[-0.3, 0.1, 0.0])
+        np.testing.assert_allclose(unit.take("y_pi", "plant.energy"), plant.take("y_pi", "energy"), rtol=1e-10)
         assert unit.take("time", "plant.time") == pytest.approx(300.5 * SAMPLE, rel=1e-12)
 
 
 def test_states_saved_between_inner_steps_continue_bit_for_bit() -> None:
     steps = [0.3 * SAMPLE, SAMPLE, 1.4 * SAMPLE] * 20
     with loaded(tracking()) as one, loaded(tracking()) as other:
-        walk(one.begin(**{"plant.beam[1].density": 1700.0}), steps + [0.1 * SAMPLE], **{"feedforward.y_target": TARGET})
+        walk(one.begin(**{"plant.beam[1].density": 1700.0}), steps + [0.1 * SAMPLE], **{"y_target": TARGET})
         saved = one.saved()
-        expected = walk(one, steps, **{"plant.force": 0.1})
-        assert walk(other.prepare().restore(saved), steps, **{"plant.force": 0.1}).tobytes() == expected.tobytes()
-        assert walk(one.restore(saved), steps, **{"plant.force": 0.1}).tobytes() == expected.tobytes()
+        expected = walk(one, steps, **{"force": 0.1})
+        assert walk(other.prepare().restore(saved), steps, **{"force": 0.1}).tobytes() == expected.tobytes()
+        assert walk(one.restore(saved), steps, **{"force": 0.1}).tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -258,7 +265,7 @@ def test_the_start_time_shifts_everything() -> None:
     for start in (0.0, 3.0):
         with loaded(tracking()) as unit:
             unit.begin(start)
-            found.append(walk(unit, [SAMPLE] * 400, **{"feedforward.y_target": TARGET}))
+            found.append(walk(unit, [SAMPLE] * 400, **{"y_target": TARGET}))
             places = [
                 k
                 for k, n in enumerate(n for n, v in unit.variables.items() if v.type != "String")
@@ -294,7 +301,7 @@ def test_instances_do_not_touch() -> None:
 
     def work(unit: Loaded, level: float) -> bytes:
         rows = [
-            walk(unit.begin() if k == 0 else unit, [SAMPLE] * 20, **{"feedforward.y_target": level * np.array(TARGET)})
+            walk(unit.begin() if k == 0 else unit, [SAMPLE] * 20, **{"y_target": level * np.array(TARGET)})
             for k in range(5)
         ]
         return np.array(rows).tobytes()
@@ -316,10 +323,10 @@ def test_instances_do_not_touch() -> None:
         ("plant.beam[2].tip_mass", -0.5, r"plant\.beam\[2\]\.tip_mass must be >= 0\.0, got -0\.5"),
         ("plant.beam[1].density", 0.0, r"Mode: plant\.beam\[1\]\.density must be finite and > 0, got 0\.0$"),
         ("controller.integral_gain", 1.5, r"controller\.integral_gain must be <= 1\.0, got 1\.5"),
-        ("plant.force[3]", float("nan"), r"plant\.force\[3\] must be finite, got nan"),
+        ("force[3]", float("nan"), r"force\[3\] must be finite, got nan"),
         ("controller.u_ff[1]", 1.0, r"controller\.u_ff\[1\] is local and cannot be set, got 1\.0"),
         (
-            "feedforward.y_target[1]",
+            "y_target[1]",
             1.0,
             r"feedforward: y_target is out of reach: it takes [\d.]+ V at rest, voltage_limit is 1000\.0 V",
         ),
@@ -336,8 +343,8 @@ def test_refusals_name_the_variable_of_the_part(name: str, value: float, message
 def test_lines_in_the_log_name_the_part() -> None:
     with loaded(tracking()) as unit:
         unit.begin(**{"feedforward.transition_time": 0.1})
-        unit.advance(SAMPLE, **{"feedforward.y_target": TARGET})
-        unit.advance(SAMPLE, **{"feedforward.y_target": [1.0, 0.0, 0.0, 0.0]})
+        unit.advance(SAMPLE, **{"y_target": TARGET})
+        unit.advance(SAMPLE, **{"y_target": [1.0, 0.0, 0.0, 0.0]})
         assert [note.partition(" at ")[0] for note in unit.notes] == [
             "unit: feedforward: the transition",
             "unit: feedforward: y_target",
@@ -353,16 +360,16 @@ def test_what_is_wired_is_local_and_what_is_not_is_an_input() -> None:
     arrays: dict[str, set[str]] = {}
     for name, variable in variables.items():
         arrays.setdefault(str(variable.get("causality")), set()).add(name.partition("[")[0])
-    assert arrays["input"] == {"feedforward.y_target", "plant.force"}
+    assert arrays["input"] == {"y_target", "force"}
     assert arrays["output"] == {
-        "feedforward.u_ff",
-        "feedforward.y_ref",
-        "feedforward.moving",
-        "controller.u",
-        "controller.y_est",
-        "controller.saturated",
-        "plant.y_pi",
-        "plant.y_pm",
+        "u_ff",
+        "y_ref",
+        "moving",
+        "u",
+        "y_est",
+        "saturated",
+        "y_pi",
+        "y_pm",
     }
     assert {
         "plant.u",
@@ -390,12 +397,12 @@ def test_what_is_wired_is_local_and_what_is_not_is_an_input() -> None:
     assert root.findall(".//Outputs/Unknown[@dependencies='']")
     numbers = {name: str(k) for k, name in enumerate(variables, 1)}
     first = {u.get("index"): str(u.get("dependencies")).split() for u in root.findall(".//InitialUnknowns/Unknown")}
-    assert numbers["feedforward.y_target[3]"] in first[numbers["controller.u[2]"]]
-    assert numbers["plant.force[1]"] not in first[numbers["controller.u[2]"]]
-    assert numbers["feedforward.y_target[3]"] not in first[numbers["plant.y_pi[1]"]]
+    assert numbers["y_target[3]"] in first[numbers["u[2]"]]
+    assert numbers["force[1]"] not in first[numbers["u[2]"]]
+    assert numbers["y_target[3]"] not in first[numbers["y_pi[1]"]]
     page = (tracking() / "documentation" / "index.html").read_text()
     assert "<td>feedforward.x_ref</td><td>controller.x_ref</td>" in page
-    assert "<code>plant.force[3]</code>" in page
+    assert "<code>force[3]</code>" in page
 
 
 def test_the_command_writes_a_valid_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -447,7 +454,7 @@ stop_time = 1.1
 [instance.loop]
 fmu = "tracking.fmu"
 [[input]]
-to = "loop.feedforward.y_target"
+to = "loop.y_target"
 targets = [{{ time = 1.0, value = {TARGET} }}]
 """,
         )
@@ -458,7 +465,7 @@ targets = [{{ time = 1.0, value = {TARGET} }}]
     assert package_problems(package) == []
     there = run_package(package, settings()).recording
     for recording in (own, there):
-        places = [recording.columns.index(f"loop.plant.y_pi[{k}]") for k in (1, 2, 3, 4)]
+        places = [recording.columns.index(f"loop.y_pi[{k}]") for k in (1, 2, 3, 4)]
         wanted = expected.values[:, [expected.columns.index(f"plant.y_pi[{k}]") for k in (1, 2, 3, 4)]]
         assert np.max(np.abs(wanted)) > 1e-5
         np.testing.assert_allclose(recording.values[:, places], wanted, rtol=0, atol=1e-12 * np.max(np.abs(wanted)))

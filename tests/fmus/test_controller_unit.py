@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from tests.helpers import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, BuiltUnits, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 SAMPLE = 2e-4
@@ -72,12 +72,12 @@ def assert_same(found: Real, wanted: Real, n_u: int, n_pi: int) -> None:
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("limit", [1000.0, 350.0])
-def test_runs_the_recursion(workshop: Workshop, structure: str, limit: float) -> None:
+def test_runs_the_recursion(units: BuiltUnits, structure: str, limit: float) -> None:
     """After doStep(t_k, t_d) the outputs are those for t_{k+1}, from the measurement of t_k; with the limit in play."""
     y_pm, u_ff, x_ref = signals(structure, 200)
     n_u, n_pi = u_ff.shape[1], len(design_of(structure).structure.point_of_interest)
     other = Recursion(structure=structure, limit=limit).begin(u_ff[0], x_ref[0])
-    with loaded(workshop.folder("TrackingController", structure)) as unit:
+    with loaded(units("TrackingController", structure)) as unit:
         unit.begin(voltage_limit=limit, u_ff=u_ff[0], x_ref=x_ref[0])
         found, wanted = [shown(unit)], [other.values()]
         for row in zip(y_pm, u_ff, x_ref, strict=True):
@@ -91,11 +91,11 @@ def test_runs_the_recursion(workshop: Workshop, structure: str, limit: float) ->
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 5, 13])
-def test_ticks_inside_a_long_step_run_with_inputs_held(workshop: Workshop, ticks: int) -> None:
+def test_ticks_inside_a_long_step_run_with_inputs_held(units: BuiltUnits, ticks: int) -> None:
     y_pm, u_ff, x_ref = signals("kiel", 60)
     other = Recursion().begin(u_ff[0], x_ref[0])
     found, wanted = [], []
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(u_ff=u_ff[0], x_ref=x_ref[0])
         for row in zip(y_pm, u_ff, x_ref, strict=True):
             for _ in range(ticks):
@@ -106,13 +106,13 @@ def test_ticks_inside_a_long_step_run_with_inputs_held(workshop: Workshop, ticks
 
 
 @pytest.mark.parametrize("steps", [(0.5,), (0.1,), (1.5,), (0.3, 0.7), (2.5, 0.25, 0.25), (1 / 3,)])
-def test_tick_belongs_to_the_step_that_holds_its_time(workshop: Workshop, steps: tuple[float, ...]) -> None:
+def test_tick_belongs_to_the_step_that_holds_its_time(units: BuiltUnits, steps: tuple[float, ...]) -> None:
     """A tick at t_i runs in the step [t, t + h) with t <= t_i < t + h, with the inputs of that step; counted, so that
     400 steps of a tenth of the sample time are 40 ticks."""
     y_pm, u_ff, x_ref = signals("kiel", 400)
     other = Recursion().begin(u_ff[0], x_ref[0])
     done, place, found, wanted = 0, 0.0, [], []
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(u_ff=u_ff[0], x_ref=x_ref[0])
         for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
             step = steps[k % len(steps)]
@@ -125,11 +125,11 @@ def test_tick_belongs_to_the_step_that_holds_its_time(workshop: Workshop, steps:
     assert_same(np.array(found), np.array(wanted), 4, 4)
 
 
-def test_ticks_are_counted_far_from_zero(workshop: Workshop) -> None:
+def test_ticks_are_counted_far_from_zero(units: BuiltUnits) -> None:
     """An hour in, one tick a step still: no time is accumulated."""
     y_pm, u_ff, x_ref = signals("kiel", 300)
     other = Recursion().begin(u_ff[0], x_ref[0])
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(3600.0, u_ff=u_ff[0], x_ref=x_ref[0])
         for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
             other.tick(*row)
@@ -138,11 +138,11 @@ def test_ticks_are_counted_far_from_zero(workshop: Workshop) -> None:
             np.testing.assert_allclose(unit.take("x_est"), other.x, rtol=1e-9, atol=1e-12)
 
 
-def test_without_feedback_the_feedforward_passes(workshop: Workshop) -> None:
+def test_without_feedback_the_feedforward_passes(units: BuiltUnits) -> None:
     """Within the limit as it is; the filter goes on; switched on again, feedback starts without integral."""
     y_pm, u_ff, x_ref = signals("kiel", 120)
     other = Recursion(limit=500.0, integral_gain=1e-2).begin(u_ff[0], x_ref[0])
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(u_ff=u_ff[0], x_ref=x_ref[0], voltage_limit=500.0, integral_gain=1e-2)
         for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
             if k in (40, 80):
@@ -181,7 +181,7 @@ def closed_loop(unit: Loaded, plant: ReducedPlant, u_ff: Real, x_ref: Real, step
 
 @pytest.mark.parametrize(("gain", "left"), [(0.0, (0.2, 1.0)), (4e-4, (0.0, 2e-3))])
 def test_integral_action_removes_an_offset_the_estimate_shows(
-    workshop: Workshop, gain: float, left: tuple[float, float]
+    units: BuiltUnits, gain: float, left: tuple[float, float]
 ) -> None:
     """The reference state asks for a deflection that the feedforward's voltages, 20 % short, do not give."""
     a = design_of().arrays
@@ -191,7 +191,7 @@ def test_integral_action_removes_an_offset_the_estimate_shows(
     asked = a["H_pi"] @ x_ref + a["D_pi"] @ u_ff
     lacking = asked - (a["H_pi"] @ np.linalg.solve(a["A"], -a["B"] @ u_ff) + a["D_pi"] @ u_ff)
     plant = ReducedPlant()
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(integral_gain=gain)
         closed_loop(unit, plant, u_ff, x_ref, 20_000)
         error = unit.take("y_est") - asked
@@ -200,7 +200,7 @@ def test_integral_action_removes_an_offset_the_estimate_shows(
     assert left[0] <= share <= left[1]
 
 
-def test_anti_windup(workshop: Workshop) -> None:
+def test_anti_windup(units: BuiltUnits) -> None:
     """A reference beyond the limit for 2 s, then one within: the voltage leaves the limit within 20 ms.
 
     Without it the integral of the first voltage would have grown by some 2000 V meanwhile.
@@ -213,7 +213,7 @@ def test_anti_windup(workshop: Workshop) -> None:
         return np.asarray(np.linalg.solve(a["A"], -a["B"] @ u))
 
     plant = ReducedPlant()
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(integral_gain=4e-4)
         closed_loop(unit, plant, u_far, rest(u_far), 10_000)
         assert unit.take("u")[0] == 1000.0
@@ -231,12 +231,12 @@ def test_anti_windup(workshop: Workshop) -> None:
         np.testing.assert_allclose(unit.take("y_est"), a["H_pi"] @ rest(near) + a["D_pi"] @ near, atol=2e-5)
 
 
-def test_starts_on_the_reference(workshop: Workshop) -> None:
+def test_starts_on_the_reference(units: BuiltUnits) -> None:
     """At rest on a reference: nothing moves, since strains, estimate and voltages agree from the first tick on."""
     a = design_of().arrays
     u = np.array([300.0, -200.0, 100.0, 50.0])
     x = np.linalg.solve(a["A"], -a["B"] @ u)
-    with loaded(workshop.folder("TrackingController")) as unit:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(u_ff=u, x_ref=x)
         start = shown(unit)
         np.testing.assert_array_equal(unit.take("u"), u)
@@ -246,7 +246,19 @@ def test_starts_on_the_reference(workshop: Workshop) -> None:
         np.testing.assert_allclose(shown(unit), start, rtol=1e-7, atol=1e-9 * np.abs(x).max())
 
 
-def test_start_voltage_beyond_the_limit_is_held_there(workshop: Workshop) -> None:
-    with loaded(workshop.folder("TrackingController")) as unit:
+def test_start_voltage_beyond_the_limit_is_held_there(units: BuiltUnits) -> None:
+    with loaded(units("TrackingController")) as unit:
         unit.begin(u_ff=[1200.0, -50.0, 0.0, -1e9])
         assert unit.take("u", "saturated").tolist() == [1000.0, -50.0, 0.0, -1000.0, 1.0]
+
+
+def test_a_voltage_at_the_limit_is_not_saturated(units: BuiltUnits) -> None:
+    limit = 350.0
+    with loaded(units("TrackingController")) as unit:
+        for u_ff, saturated in ((limit, 0.0), (-limit, 0.0), (np.nextafter(limit, np.inf), 1.0)):
+            unit.begin(feedback=False, voltage_limit=limit, u_ff=[0.0, u_ff, 0.0, 0.0])
+            for _ in range(2):  # at the start, and after a tick
+                assert unit.take("saturated")[0] == saturated
+                assert unit.take("u[2]")[0] == np.clip(u_ff, -limit, limit)
+                unit.advance(SAMPLE)
+            unit.call("reset")

@@ -14,7 +14,7 @@ import pytest
 from flexbeams.fmus.documents.description import content_guid, model_description
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.si import SI_UNITS
-from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array, matrix
 from tests.units.lag_interface import lag_interface
 
 
@@ -53,7 +53,7 @@ def test_start_values_survive_bit_for_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     bits = rng.integers(0, 2**63, 200, dtype=np.uint64).view(np.float64)
     starts = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, *bits[np.isfinite(bits)]]
-    table = (time_variable, *array("p", len(starts), causality="parameter", start=np.array(starts)))
+    table = (TIME, *array("p", len(starts), causality="parameter", start=np.array(starts)))
     description = parsed(tmp_path, replace(lag_interface(), variables=table))
     read = [float(v.start) for v in description.modelVariables[1:]]
     assert np.array(read).tobytes() == np.array(starts).tobytes()
@@ -116,7 +116,7 @@ def test_arrays_are_contiguous_ranges_of_value_references() -> None:
     interface = replace(
         lag_interface(),
         variables=(
-            time_variable,
+            TIME,
             *array("beam[].tip_mass", 2, causality="parameter", start=[0.02, 0.03], unit="kg"),
             Variable(name="energy", unit="J"),
             *matrix("w", 2, 3, unit="m"),
@@ -167,11 +167,11 @@ def test_illegal_variables_are_refused(wrong: dict[str, Any], message: str) -> N
     ("variables", "message"),
     [
         ((Variable(name="x"),), "first variable must be time"),
-        ((time_variable, Variable(name="x"), Variable(name="x")), "names must be unique, got x twice"),
-        ((time_variable, *array("x", 2), Variable(name="z"), Variable(name="x[3]")), "x must be contiguous"),
-        ((time_variable, Variable(name="x"), *array("x", 2, causality="output")), "must be of one kind"),
-        ((time_variable, Variable(name="x"), Variable(name="z", initial_inputs=("x",))), "must name inputs, got 'x'"),
-        ((time_variable, Variable(name="z", initial_inputs=("v",))), "z: initial_inputs must name inputs, got 'v'"),
+        ((TIME, Variable(name="x"), Variable(name="x")), "names must be unique, got x twice"),
+        ((TIME, *array("x", 2), Variable(name="z"), Variable(name="x[3]")), "x must be contiguous"),
+        ((TIME, Variable(name="x"), *array("x", 2, causality="output")), "must be of one kind"),
+        ((TIME, Variable(name="x"), Variable(name="z", initial_inputs=("x",))), "must name inputs, got 'x'"),
+        ((TIME, Variable(name="z", initial_inputs=("v",))), "z: initial_inputs must name inputs, got 'v'"),
     ],
 )
 def test_illegal_tables_are_refused(variables: tuple[Variable, ...], message: str) -> None:

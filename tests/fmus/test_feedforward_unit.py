@@ -7,7 +7,7 @@ import pytest
 
 from flexbeams.controller.planner import PendingTransitions
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, BuiltUnits, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 SAMPLE = 2e-4
@@ -44,11 +44,11 @@ def assert_groups_close(found: Real, wanted: Real, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
-def test_from_rest_to_rest(workshop: Workshop, structure: str) -> None:
+def test_from_rest_to_rest(units: BuiltUnits, structure: str) -> None:
     """Zero at first, the target's static voltages at the end of the transition and exactly constant from there."""
     target = reachable(structure)
     wanted = 1.4
-    with loaded(workshop.folder("FlatnessFeedforward", structure)) as unit:
+    with loaded(units("FlatnessFeedforward", structure)) as unit:
         unit.begin(transition_time=wanted)
         assert not unit.take(*OUTPUTS, "moving").any()
         unit.advance(0.1)
@@ -68,12 +68,12 @@ def test_from_rest_to_rest(workshop: Workshop, structure: str) -> None:
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
-def test_reference_state_follows_the_reduced_model(workshop: Workshop, structure: str) -> None:
+def test_reference_state_follows_the_reduced_model(units: BuiltUnits, structure: str) -> None:
     """x' = A x + B u between samples, by Simpson's rule over pairs of small steps at several places."""
     design = design_of(structure)
     A, B, n_u = design.arrays["A"], design.arrays["B"], len(design.structure.patch)
     target, step = reachable(structure), 2e-5
-    with loaded(workshop.folder("FlatnessFeedforward", structure)) as unit:
+    with loaded(units("FlatnessFeedforward", structure)) as unit:
         unit.begin(transition_time=1.4)
         unit.advance(0.25, y_target=target)
         for _ in range(5):
@@ -85,18 +85,18 @@ def test_reference_state_follows_the_reduced_model(workshop: Workshop, structure
             unit.advance(0.2)
 
 
-def test_outputs_do_not_depend_on_the_steps(workshop: Workshop) -> None:
+def test_outputs_do_not_depend_on_the_steps(units: BuiltUnits) -> None:
     """One run at 4 ms, one of it in parts, one in a single leap between changes of the target."""
     targets = {0: TARGET, 75: -0.5 * TARGET, 175: 0.25 * TARGET}
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         whole = trace(unit.begin(), 400, 4e-3, y_target=targets)
     for parts in (2, 5, 7):
-        with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+        with loaded(units("FlatnessFeedforward")) as unit:
             split = trace(
                 unit.begin(), 400 * parts, 4e-3 / parts, y_target={k * parts: value for k, value in targets.items()}
             )
         assert_groups_close(split[parts - 1 :: parts], whole, 1e-12)
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin()
         leaps = [
             unit.advance(step, y_target=target).take(*OUTPUTS)
@@ -105,40 +105,84 @@ def test_outputs_do_not_depend_on_the_steps(workshop: Workshop) -> None:
     assert_groups_close(np.array(leaps), whole[[74, 174, 324]], 1e-12)
 
 
-def test_transitions_add_up(workshop: Workshop) -> None:
+def test_transitions_add_up(units: BuiltUnits) -> None:
     """Targets during the motion: the outputs are the sum of those that each change alone would give."""
     changes = {0: TARGET, 400: 0.4 * TARGET[::-1], 900: 1e-3 * np.ones(4)}
     parts, before = np.zeros((1850, 38)), np.zeros(4)
     for k, target in changes.items():
-        with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+        with loaded(units("FlatnessFeedforward")) as unit:
             parts += trace(unit.begin(voltage_limit=1e6), 1850, 1e-3, y_target={k: target - before})
         before = target
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         found = trace(unit.begin(voltage_limit=1e6), 1850, 1e-3, y_target=changes)
         assert unit.take("moving")[0] == 0
     assert_groups_close(found, parts, 1e-12)
     np.testing.assert_allclose(found[-1, :4], voltages_of(before), rtol=1e-12)
 
 
-def test_new_target_does_not_jump(workshop: Workshop) -> None:
+def test_transitions_of_different_durations_add_up(units: BuiltUnits) -> None:
+    """A short one ends while a long one that began earlier, and one that began later, go on."""
+    changes = {0: (TARGET, 1.3), 200: (0.4 * TARGET[::-1], 0.4), 300: (1e-3 * np.ones(4), 0.9), 650: (0 * TARGET, 0.5)}
+    parts, before = np.zeros((1400, 38)), np.zeros(4)
+    folder = units("FlatnessFeedforward")
+    for k, (target, time) in changes.items():
+        with loaded(folder) as unit:
+            parts += trace(
+                unit.begin(voltage_limit=1e6, transition_time=time), 1400, 1e-3, y_target={k: target - before}
+            )
+        before = target
+    with loaded(folder) as unit:
+        found = trace(
+            unit.begin(voltage_limit=1e6),
+            1400,
+            1e-3,
+            y_target={k: target for k, (target, _) in changes.items()},
+            transition_time={k: time for k, (_, time) in changes.items()},  # type: ignore[misc]
+        )
+        assert unit.take("moving")[0] == 0
+    assert_groups_close(found, parts, 1e-12)
+
+
+def test_the_start_time_shifts_the_motion(units: BuiltUnits) -> None:
+    """To the rounding of the clock, which has 14 digits behind the point at 100 s."""
+    traces = []
+    for start in (0.0, 100.0):
+        with loaded(units("FlatnessFeedforward")) as unit:
+            traces.append(trace(unit.begin(start), 1600, 1e-3, y_target={100: TARGET, 600: -0.5 * TARGET}))
+            assert unit.take("moving")[0] == 0
+    assert_groups_close(traces[1], traces[0], 1e-9)
+
+
+def test_a_transition_ends_at_its_very_end(units: BuiltUnits) -> None:
+    """At times without rounding."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(transition_time=0.5, preview=0.0)
+        unit.advance(0.25, y_target=0.1 * TARGET)
+        assert unit.take("moving", "planned_time").tolist() == [1.0, 0.5]
+        unit.advance(0.25)
+        assert unit.take("moving")[0] == 0
+        np.testing.assert_allclose(unit.take("u_ff"), voltages_of(0.1 * TARGET), rtol=1e-12)
+
+
+def test_new_target_does_not_jump(units: BuiltUnits) -> None:
     """Around a change in mid-motion, voltages bend no more than they do without it (Remark 5)."""
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         u = trace(unit.begin(), 600, 1e-3, y_target={0: TARGET, 450: np.zeros(4)})[:, :4]
     bend = np.abs(np.diff(u, 2, axis=0)).max(axis=1)
     assert bend[440:460].max() < bend.max()
     assert np.abs(np.diff(u, axis=0))[445:455].max() < np.abs(np.diff(u, axis=0)).max()
 
 
-def test_ninth_target_waits_for_a_free_slot(workshop: Workshop) -> None:
+def test_ninth_target_waits_for_a_free_slot(units: BuiltUnits) -> None:
     """Eight transitions can be under way; the latest of the targets that came meanwhile is taken when one ends."""
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin(transition_time=1.0)
         for k in range(8):
             unit.advance(0.1, y_target=TARGET * (k + 1) / 16)
         unit.advance(0.05, y_target=TARGET * 0.9)  # t = 0.85
         unit.advance(0.05, y_target=TARGET * 0.6)  # t = 0.9
         held = [unit.advance(0.001).take(*OUTPUTS) for _ in range(90)]
-        with loaded(workshop.folder("FlatnessFeedforward")) as without:
+        with loaded(units("FlatnessFeedforward")) as without:
             without.begin(transition_time=1.0)
             for k in range(8):
                 without.advance(0.1, y_target=TARGET * (k + 1) / 16)
@@ -157,8 +201,8 @@ def test_ninth_target_waits_for_a_free_slot(workshop: Workshop) -> None:
         assert unit.notes == []
 
 
-def test_target_out_of_reach_is_held_with_one_warning(workshop: Workshop) -> None:
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+def test_target_out_of_reach_is_held_with_one_warning(units: BuiltUnits) -> None:
+    with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin()
         unit.advance(0.5, y_target=TARGET)
         unit.advance(0.3, y_target=FAR)
@@ -179,10 +223,10 @@ def test_target_out_of_reach_is_held_with_one_warning(workshop: Workshop) -> Non
         np.testing.assert_allclose(unit.take("y_ref"), 0.5 * TARGET, atol=1e-9)
 
 
-def test_first_target_out_of_reach_is_refused(workshop: Workshop) -> None:
+def test_first_target_out_of_reach_is_refused(units: BuiltUnits) -> None:
     peak = np.abs(voltages_of(FAR)).max()
     with (
-        loaded(workshop.folder("FlatnessFeedforward")) as unit,
+        loaded(units("FlatnessFeedforward")) as unit,
         pytest.raises(
             UnitFailure, match=re.escape(f"out of reach: it takes {peak:.1f} V at rest, voltage_limit is 1000.0 V")
         ),
@@ -190,8 +234,22 @@ def test_first_target_out_of_reach_is_refused(workshop: Workshop) -> None:
         unit.begin(y_target=FAR)
 
 
-def test_starts_at_rest_at_its_first_target(workshop: Workshop) -> None:
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+def test_a_target_that_takes_the_limit_itself_is_in_reach(units: BuiltUnits) -> None:
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin().advance(0.1, y_target=FAR)
+        [peak] = unit.take("planned_peak")
+        unit.call("reset")
+        unit.begin(voltage_limit=peak, y_target=FAR)
+        assert np.abs(unit.take("u_ff")).max() == peak
+        unit.call("reset")
+        with pytest.raises(UnitFailure, match="out of reach"):
+            unit.begin(voltage_limit=np.nextafter(peak, 0), y_target=FAR)
+        unit.call("reset")
+        np.testing.assert_array_equal(unit.begin(y_target=TARGET).take("y_target"), TARGET)
+
+
+def test_starts_at_rest_at_its_first_target(units: BuiltUnits) -> None:
+    with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin(y_target=TARGET)
         start = unit.take(*OUTPUTS)
         np.testing.assert_allclose(unit.take("u_ff"), voltages_of(TARGET), rtol=1e-12)
@@ -201,9 +259,9 @@ def test_starts_at_rest_at_its_first_target(workshop: Workshop) -> None:
 
 
 @pytest.mark.parametrize(("wanted", "share"), [(0.2, 1.0), (0.6, 1.2), (0.35, 0.5)])
-def test_fast_transition_is_stretched_to_the_limit(workshop: Workshop, wanted: float, share: float) -> None:
+def test_fast_transition_is_stretched_to_the_limit(units: BuiltUnits, wanted: float, share: float) -> None:
     """Voltages stay within 0.1 % of the limit and come close to it; planned_peak and planned_time tell."""
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin(transition_time=wanted)
         u = trace(unit, 8000, 5e-4, y_target={0: TARGET * share})[:, :4]
         time, peak = unit.take("planned_time", "planned_peak")
@@ -213,18 +271,18 @@ def test_fast_transition_is_stretched_to_the_limit(workshop: Workshop, wanted: f
         assert peak == pytest.approx(np.abs(u).max(), rel=5e-3)
         # A step of the planner's table shorter would break the limit
         shapes = design_of().arrays["shape_times"]
-        with loaded(workshop.folder("FlatnessFeedforward")) as faster:
+        with loaded(units("FlatnessFeedforward")) as faster:
             faster.begin(transition_time=time / (shapes[1] / shapes[0]) * 0.999, voltage_limit=1e6)
             assert np.abs(trace(faster, 4000, 5e-4, y_target={0: TARGET * share})[:, :4]).max() > 999.0
 
 
-def test_whole_motion_is_kept_within_the_limit(workshop: Workshop) -> None:
+def test_whole_motion_is_kept_within_the_limit(units: BuiltUnits) -> None:
     """Targets to and fro between the limits: each new transition is planned with what is still under way."""
     rng = np.random.default_rng(2)
     targets = {
         k: np.linalg.pinv(design_of().arrays["static_inverse"]) @ rng.uniform(-950, 950, 4) for k in range(0, 4000, 350)
     }
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         u = trace(unit.begin(transition_time=0.4), 7000, 1e-3, y_target=targets)[:, :4]
         assert unit.take("moving")[0] == 0
         assert any("stretched" in note for note in unit.notes)
@@ -232,10 +290,10 @@ def test_whole_motion_is_kept_within_the_limit(workshop: Workshop) -> None:
 
 
 @pytest.mark.parametrize("preview", [1e-3, 0.013])
-def test_preview_shifts_the_outputs(workshop: Workshop, preview: float) -> None:
+def test_preview_shifts_the_outputs(units: BuiltUnits, preview: float) -> None:
     steps = round(preview / 1e-3)
     targets = {10: TARGET, 510: 0.3 * TARGET}
-    folder = workshop.folder("FlatnessFeedforward")
+    folder = units("FlatnessFeedforward")
     with loaded(folder) as plain, loaded(folder) as ahead:
         later = trace(plain.begin(), 1600 + steps, 1e-3, y_target=targets)
         found = trace(ahead.begin(preview=preview), 1600, 1e-3, y_target=targets)
@@ -244,8 +302,8 @@ def test_preview_shifts_the_outputs(workshop: Workshop, preview: float) -> None:
         assert_groups_close(found[start : stop - steps], later[start + steps : stop], 1e-11)
 
 
-def test_parameters_can_be_tuned_between_transitions(workshop: Workshop) -> None:
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+def test_parameters_can_be_tuned_between_transitions(units: BuiltUnits) -> None:
+    with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin(transition_time=1.2)
         unit.advance(0.1, y_target=TARGET)
         assert unit.take("planned_time")[0] == 1.2
@@ -260,12 +318,12 @@ def test_parameters_can_be_tuned_between_transitions(workshop: Workshop) -> None
         assert np.abs(unit.take("y_ref") - ahead).max() > 1e-6
 
 
-def test_planned_voltages_are_those_put_out(workshop: Workshop) -> None:
+def test_planned_voltages_are_those_put_out(units: BuiltUnits) -> None:
     """The planner's table against the series that the unit evaluates, along a superposed motion."""
     from flexbeams.controller.planner import InputShapes
 
     arrays = design_of().arrays
-    with loaded(workshop.folder("FlatnessFeedforward")) as unit:
+    with loaded(units("FlatnessFeedforward")) as unit:
         u = trace(unit.begin(), 2000, 1e-3, y_target={0: TARGET, 300: -0.2 * TARGET})[:, :4]
     first, second = voltages_of(TARGET), voltages_of(-1.2 * TARGET)
     motion = PendingTransitions(

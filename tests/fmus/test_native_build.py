@@ -1,6 +1,7 @@
 """Building native units: what is in them, compilers, platforms, equal bytes."""
 
 import shutil
+import subprocess
 import sys
 import zipfile
 from dataclasses import replace
@@ -12,18 +13,22 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.build import build_platform_binary
+from fmpy.model_description import read_build_description
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging import compilers
-from flexbeams.fmus.packaging.c_tables import panels, tables_source
+from flexbeams.fmus.packaging.c_tables import panels
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
-from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
-from flexbeams.fmus.units.shipped import UNITS
-from tests.helpers import STRUCTURES, Workshop, design_of
+from flexbeams.fmus.packaging.native import HEADERS, build_native_units, unit_sources
+from flexbeams.fmus.units.native_kernel import NATIVE
+from tests.helpers import ROOT, STRUCTURES, UNITS, Workshop, design_of
 from tests.native.workshop import (
+    FUNCTIONS,
     HARNESSES,
+    INCLUDES,
     NATIVE_UNITS,
     STRICT,
     ZIG,
@@ -33,17 +38,15 @@ from tests.native.workshop import (
     needs,
     needs_zig,
     run,
-    source_files,
+    source_file,
     source_folder,
     workspace,
 )
 from tests.units.loaded import loaded
 
-FUNCTIONS = sorted(
-    name
-    for name in {*dir(fmpy.fmi2.FMU2Slave), *dir(fmpy.fmi2.FMU2Model)}
-    if name.startswith("fmi2") and name[4].isupper()
-)
+pytestmark = pytest.mark.native
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF")
 
 
 @needs_zig
@@ -102,17 +105,16 @@ def test_contents_of_a_unit(unit: str) -> None:
         assert archive.read("model.png").startswith(b"\x89PNG\r\n\x1a\n")
         assert archive.read("documentation/licenses/LICENSE") == Path("LICENSE").read_bytes()
         guid = fmpy.read_model_description(native_folder(unit)).guid
-        assert guid.encode() in archive.read("sources/tables.c")
+        assert guid.encode() in archive.read(f"sources/{unit}_tables.h")
     assert names == sorted(names)
     assert page.open == []
     assert page.count["math"] >= 3
     assert page.count["tr"] > len(fmpy.read_model_description(native_folder(unit)).modelVariables)
     assert all(link.startswith("data:image/png;base64,") for link in page.links)
     listed = [node.get("name") for node in ElementTree.parse(native_folder(unit) / "modelDescription.xml").iter("File")]
-    assert listed == [path.name for path in source_files(unit)]
+    assert listed == [f"{unit}.c"]
     assert listed == [Path(n).name for n in names if n.endswith(".c")]  # some tools compile all that they find
-    text = "".join(path.read_text() for path in source_files(unit))
-    assert all(f'#include "{Path(n).name}"' in text for n in names if n.endswith(".inc"))
+    assert [n for n in names if n.endswith(".h")] == [f"sources/{unit}_tables.h"]  # those of FMI are the tool's
     host = host_platform()
     binaries = sorted(f"binaries/{folder}/{unit}{host.suffix}" for folder in host.folders)
     assert [n for n in names if n.startswith("binaries/")] == binaries
@@ -122,7 +124,26 @@ def test_contents_of_a_unit(unit: str) -> None:
         "model.png",
         "modelDescription.xml",
         "sources",
+        "terminalsAndIcons",
     }
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_arrays_are_terminals(unit: str) -> None:
+    """Each array of inputs or outputs is one terminal; FMI 2.0.4 takes the schema from FMI 3.0."""
+    folder = native_folder(unit)
+    document = etree.parse(folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
+    etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd")).assertValid(
+        document
+    )
+    terminals = {t.get("name"): [m.get("variableName") for m in t] for t in document.iter("Terminal")}
+    arrays: dict[str, list[str]] = {}
+    for v in fmpy.read_model_description(str(folder)).modelVariables:
+        if v.causality in ("input", "output") and v.name.endswith("]"):
+            arrays.setdefault(v.name.partition("[")[0], []).append(v.name)
+    assert terminals == arrays
+    for terminal in document.iter("Terminal"):
+        assert [m.get("memberName") for m in terminal] == [str(k) for k in range(1, len(terminal) + 1)]
 
 
 def test_the_guid_follows_the_contents() -> None:
@@ -145,20 +166,26 @@ def test_the_guid_follows_the_contents() -> None:
     ids=["gcc", "clang", "zig"],
 )
 def test_no_compiler_warns(command: tuple[str, ...], tmp_path: Path) -> None:
-    """All sources of all units and the harnesses, in strict C99."""
-    sources: dict[str, Path] = {}
-    for unit in NATIVE_UNITS:
-        for path in source_files(unit):
-            sources[f"{unit}.c" if path.name == "tables.c" else path.name] = path
-    includes = [f"-I{source_folder(unit)}" for unit in NATIVE_UNITS]
-    harnesses = [HARNESSES / f"{name}.c" for name in ("life_cycle", "closed_loop", "run_library")]
-    for path in [*sources.values(), *harnesses]:
-        run([*command, *STRICT, "-O2", *includes, "-c", str(path), "-o", str(tmp_path / "out.o")])
+    """The file of each unit, each file that it was made of on its own, and the harnesses, in strict C99."""
+    sources = [*map(source_file, NATIVE_UNITS), *sorted(NATIVE.rglob("*.c")), *sorted(HARNESSES.glob("*.c"))]
+    loops = [ROOT / "scenarios" / name for name in ("simulation/native/stepper.c", "bench/native/bench.c")]
+    for path in [*sources, *loops]:
+        flags = ("-O2", '-DUNIT_GUID=""', *INCLUDES, f"-I{source_folder('FlatnessFeedforward')}")
+        run([*command, *STRICT, *flags, "-c", str(path), "-o", str(tmp_path / "out.o")])
+
+
+@needs("clang-format")
+def test_c_files_are_formatted() -> None:
+    """As .clang-format says; the headers of the standard stay as they came."""
+    folders = [NATIVE, HARNESSES, ROOT / "scenarios" / "simulation", ROOT / "scenarios" / "bench"]
+    files = [path for folder in folders for path in sorted(folder.rglob("*.[ch]")) if path.parent != HEADERS]
+    assert len(files) > 30
+    run(["clang-format", "--dry-run", "-Werror", *map(str, files)])
 
 
 @needs_zig
 @needs("nm")
-@pytest.mark.skipif(sys.platform != "linux", reason="reads ELF")
+@on_linux
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     """All functions of FMI 2.0 and only these; no writable data; needs libc and libm of glibc 2.17."""
@@ -166,10 +193,8 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     shown = [line.split()[-1] for line in run(["nm", "-D", "--defined-only", str(library)]).splitlines()]
     assert sorted(shown) == FUNCTIONS
     dynamic = run(["readelf", "-d", "--wide", str(library)])
-    assert sorted(line.split("[")[1].rstrip("]") for line in dynamic.splitlines() if "NEEDED" in line) == [
-        "libc.so.6",
-        "libm.so.6",
-    ]
+    needed = {line.split("[")[1].rstrip("]") for line in dynamic.splitlines() if "NEEDED" in line}
+    assert {"libc.so.6"} <= needed <= {"libc.so.6", "libm.so.6"}
     versions = {
         line.rsplit("GLIBC_", 1)[1].split(")")[0].split()[0]
         for line in run(["readelf", "--dyn-syms", "--wide", str(library)]).splitlines()
@@ -177,8 +202,7 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     }
     assert all(tuple(map(int, version.split("."))) <= (2, 17) for version in versions)
     if shutil.which("gcc"):
-        sources = map(str, source_files(unit))
-        run(["gcc", "-std=c99", "-O2", "-fPIC", "-c", *sources], cwd=tmp_path)
+        run(["gcc", "-std=c99", "-O2", "-fno-pic", f"-I{HEADERS}", "-c", str(source_file(unit))], cwd=tmp_path)
         symbols = run(["nm", *map(str, tmp_path.glob("*.o"))])
         writable = [line for line in symbols.splitlines() if len(line.split()) == 3 and line.split()[1] in "BbCDdSs"]
         assert writable == []
@@ -299,6 +323,63 @@ def test_fmpy_compiles_the_sources(unit: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-14)
 
 
+@needs_zig
+@on_linux
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+@pytest.mark.parametrize("compiler", [pytest.param(name, marks=needs(name)) for name in ("gcc", "clang", "tcc")])
+def test_other_compilers_give_the_same(compiler: str, unit: str, tmp_path: Path) -> None:
+    """Small ones without optimisation too, which take no infinite constants."""
+    folder = tmp_path / unit
+    shutil.copytree(native_folder(unit), folder)
+    library = folder / "binaries" / "linux64" / f"{unit}.so"
+    flags = ["-std=c99", "-fPIC", "-shared", "-DFMI2_OVERRIDE_FUNCTION_PREFIX", f"-I{HEADERS}"]
+    run([compiler, *flags, str(folder / "sources" / f"{unit}.c"), "-o", str(library), "-lm"])
+    ends = []
+    for place in (folder, native_folder(unit)):
+        with loaded(place) as one:
+            ends.append(one.begin().advance(2e-4).everything())
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-12)
+
+
+@needs_zig
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_the_build_description(unit: str) -> None:
+    """Valid by the schema of FMI 3.0, to which FMI 2.0.4 refers; one file that defines its prefix itself."""
+    (configuration,) = read_build_description(native_folder(unit))
+    assert configuration.modelIdentifier == unit
+    (files,) = configuration.sourceFileSets
+    assert (files.language, files.sourceFiles, files.preprocessorDefinitions) == ("C99", [f"{unit}.c"], [])
+
+
+@needs_zig
+@needs("cmake", "ninja", "nm")
+@pytest.mark.parametrize(("shared", "prefix"), [("ON", ""), ("OFF", "BeamClosedLoop_")])
+def test_cmake_builds_the_sources(shared: str, prefix: str, tmp_path: Path) -> None:
+    """A shared library with the plain names, a static one with the prefixed names."""
+    sources = native_folder("BeamClosedLoop") / "sources"
+    options = [f"-DFMI2_HEADERS={HEADERS}", f"-DBUILD_SHARED_LIBS={shared}", "-DCMAKE_C_FLAGS=-Wall -Wextra -Werror"]
+    run(["cmake", "-G", "Ninja", "-S", str(sources), "-B", str(tmp_path), *options])
+    run(["cmake", "--build", str(tmp_path)])
+    (library,) = [path for path in tmp_path.iterdir() if path.suffix in (".so", ".a")]
+    assert library.stem.removeprefix("lib") == "BeamClosedLoop"
+    flags = ["-D"] if shared == "ON" else ["-g"]
+    names = [
+        line.split()[-1] for line in run(["nm", *flags, "--defined-only", str(library)]).splitlines() if " T " in line
+    ]
+    assert sorted(names) == [f"{prefix}{name}" for name in FUNCTIONS]
+
+
+@needs("cmake", "ninja")
+def test_cmake_says_where_headers_are_missing(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["cmake", "-G", "Ninja", "-S", str(source_folder("TrackingController")), "-B", str(tmp_path)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode != 0
+    assert "FMI2_HEADERS must be the folder with fmi2Functions.h" in " ".join(done.stderr.split())
+
+
 @pytest.mark.parametrize(
     ("names", "text"),
     [
@@ -333,10 +414,14 @@ def test_missing_compilers_say_what_to_install(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell script is the compiler")
 def test_a_failing_compiler_is_reported_in_one_line(tmp_path: Path) -> None:
     script = tmp_path / "cc"
-    script.write_text("#!/bin/sh\necho 'tables.c:1: note' >&2\necho 'tables.c:2: error: broken' >&2\nexit 1\n")
+    script.write_text(
+        "#!/bin/sh\necho 'Unit_tables.h:1: note' >&2\necho 'Unit_tables.h:2: error: broken' >&2\nexit 1\n"
+    )
     script.chmod(0o755)
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    with pytest.raises(BuildError, match=r"^TrackingController.so for \S+ cannot be compiled: tables.c:2: error: b"):
+    with pytest.raises(
+        BuildError, match=r"^TrackingController.so for \S+ cannot be compiled: Unit_tables.h:2: error: b"
+    ):
         build_native_units([unit], compiler=str(script))
     assert not unit.out.exists()
     script.write_text("#!/nowhere/sh\n")
@@ -346,14 +431,7 @@ def test_a_failing_compiler_is_reported_in_one_line(tmp_path: Path) -> None:
 
 def test_extra_files_go_into_the_unit(tmp_path: Path) -> None:
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    extra = NativeUnit(
-        interface=unit.interface,
-        data=unit.data,
-        meta=unit.meta,
-        out=unit.out,
-        extra={"extra/org.example/results.csv": b"time\n"},
-    )
-    build_native_units([extra])
+    build_native_units([replace(unit, extra={"extra/org.example/results.csv": b"time\n"})])
     with zipfile.ZipFile(unit.out) as archive:
         assert archive.read("extra/org.example/results.csv") == b"time\n"
 
@@ -361,10 +439,10 @@ def test_extra_files_go_into_the_unit(tmp_path: Path) -> None:
 def test_tables_hold_every_digit(tmp_path: Path) -> None:
     """The numbers in tables.c are those of the design: all of them, read back by a compiler where there is one."""
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    text = tables_source(unit.interface, unit.data, unit.meta, "{guid}")
-    start = text.index("controller_estimates[] = {")
+    text = unit.tables("{guid}")
+    start = text.index("data_estimates[] ALIGNED = {")
     numbers = text[start : text.index("};", start)].split("{")[1].replace(",", " ").split()
-    outputs = np.hstack([unit.data["H_pi"], unit.data["D_pi"]])
+    outputs = np.hstack([design_of().arrays[name] for name in ("H_pi", "D_pi")])
     np.testing.assert_array_equal([float.fromhex(n) for n in numbers], panels(outputs))
 
 
@@ -379,16 +457,12 @@ def test_panels() -> None:
 
 def test_unknown_units_and_bad_tables_are_refused(tmp_path: Path) -> None:
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
-    other = NativeUnit(interface=replace(unit.interface, unit_name="Lag"), data=unit.data, meta=unit.meta, out=unit.out)
-    with pytest.raises(BuildError, match="Lag: there is no native unit of this name"):
-        build_native_units([other])
-    broken = NativeUnit(
-        interface=unit.interface,
-        data={**unit.data, "feedback_gain": np.full((4, 30), np.nan)},
-        meta=unit.meta,
-        out=unit.out,
-    )
-    with pytest.raises(BuildError, match="controller_regulator must be finite"):
+    python_only = replace(unit.kind, name="Lag", native=None)
+    with pytest.raises(BuildError, match="Lag: there is no native unit of this kind"):
+        replace(unit, kind=python_only)
+    arrays = {**unit.data.arrays, "regulator": np.full((8, 34), np.nan)}
+    broken = replace(unit, data=replace(unit.data, arrays=arrays))
+    with pytest.raises(BuildError, match="data_regulator must be finite"):
         build_native_units([broken])
 
 

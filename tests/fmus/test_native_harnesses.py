@@ -11,22 +11,27 @@ import fmpy
 import numpy as np
 import pytest
 
-from flexbeams.fmus.packaging.native import build_native_units
-from flexbeams.fmus.units.shipped import UNITS
-from tests.helpers import design_of
+from flexbeams.fmus.packaging.native import HEADERS, build_native_units
+from flexbeams.fmus.units.native_kernel import NATIVE
+from tests.helpers import UNITS, design_of
 from tests.native.workshop import (
+    FUNCTIONS,
     HARNESSES,
+    INCLUDES,
     NATIVE_UNITS,
+    STRICT,
     ZIG,
     compiled,
+    guid_of,
     native_unit,
     needs,
     needs_zig,
     run,
-    source_files,
-    source_folder,
+    source_file,
     workspace,
 )
+
+pytestmark = pytest.mark.native
 
 SANITIZE = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is for Linux")
@@ -101,7 +106,9 @@ def test_numbers_in_the_log_are_written_as_by_python(place: str) -> None:
         0.1 + 0.2,
     ]
     numbers = (rng.normal(size=200) * 10.0 ** rng.integers(-12, 14, 200)).tolist() + special
-    program = compiled("texts", "TrackingController", "gcc", "-O1")
+    program = workspace() / "texts"
+    files = [HARNESSES / "texts.c", NATIVE / "units" / "format_line.c"]
+    run(["gcc", "-O1", *STRICT, *INCLUDES, *map(str, files), "-o", str(program), "-lm"])
     lines = run([str(program), place, *map(repr, numbers)], env=environment).splitlines()
     for number, line in zip(numbers, lines, strict=False):
         whole, general, rounded = line.split()
@@ -113,33 +120,43 @@ def test_numbers_in_the_log_are_written_as_by_python(place: str) -> None:
 @on_linux
 @needs("gcc", "nm")
 def test_units_link_into_one_program_under_their_prefixes() -> None:
-    """And the loop over the FMI functions equals the bare arithmetic to the last bit."""
+    """Without a flag; and the loop over the FMI functions equals the bare arithmetic to the last bit."""
     folder = workspace() / "prefixed"
     folder.mkdir()
     flags = ("-O2", "-std=c99", "-ffp-contract=off")
     for unit in NATIVE_UNITS:
-        (folder / unit).mkdir()
-        run(["gcc", *flags, f"-DFMI2_FUNCTION_PREFIX={unit}_", "-c", *map(str, source_files(unit))], cwd=folder / unit)
-        names = run(["nm", "-g", "--defined-only", *map(str, (folder / unit).glob("*.o"))]).splitlines()
-        assert all(line.split()[-1].startswith(f"{unit}_") for line in names if len(line.split()) == 3)
-    objects = sorted(map(str, folder.glob("*/*.o")))
+        run(["gcc", *flags, f"-I{HEADERS}", "-c", str(source_file(unit))], cwd=folder)
+        assert external_names(folder / f"{unit}.o") == [f"{unit}_{name}" for name in FUNCTIONS]
     program = folder / "closed_loop"
-    run(
-        [
-            "gcc",
-            *flags,
-            f"-I{source_folder(UNITS[0])}",
-            str(HARNESSES / "closed_loop.c"),
-            *objects,
-            "-o",
-            str(program),
-            "-lm",
-        ]
-    )
+    objects = sorted(map(str, folder.glob("*.o")))
+    run(["gcc", *flags, *INCLUDES, str(HARNESSES / "closed_loop.c"), *objects, "-o", str(program), "-lm"])
     target = np.linalg.pinv(design_of().arrays["static_inverse"]) @ [300.0, -100.0, 200.0, 150.0]
-    result = json.loads(run([str(program), "3000", *map(str, target)]))
+    guids = [guid_of(unit) for unit in UNITS]
+    result = json.loads(run([str(program), "3000", *guids, *map(str, target)]))
     assert result["fmi_result"] == result["bare_result"]
     assert abs(result["fmi_result"]) > 1e-7
+
+
+@needs("gcc", "nm")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+@pytest.mark.parametrize(
+    ("headers", "flag", "prefix"),
+    [
+        (HEADERS, "-DFMI2_OVERRIDE_FUNCTION_PREFIX", ""),
+        (HEADERS, "-DFMI2_FUNCTION_PREFIX=rig_", "rig_"),
+        (Path(fmpy.__file__).parent / "c-code", "-DNDEBUG", ""),
+    ],
+    ids=["override", "another prefix", "headers of FMPy"],
+)
+def test_names_of_the_functions(unit: str, headers: Path, flag: str, prefix: str, tmp_path: Path) -> None:
+    """Plain ones for a shared library, those of another prefix where the host chooses it."""
+    run(["gcc", "-std=c99", flag, f"-I{headers}", "-c", str(source_file(unit))], cwd=tmp_path)
+    assert external_names(tmp_path / f"{unit}.o") == [f"{prefix}{name}" for name in FUNCTIONS]
+
+
+def external_names(file: Path) -> list[str]:
+    """What an object file defines for others."""
+    return sorted(line.split()[-1] for line in run(["nm", "-g", "--defined-only", str(file)]).splitlines() if line)
 
 
 def trace(command: list[str], library: str, folder: Path, **options: object) -> np.ndarray:  # type: ignore[type-arg]
@@ -179,7 +196,7 @@ def foreign() -> dict[str, Path]:
                 "-std=c99",
                 "-Wall",
                 "-Werror",
-                f"-I{source_folder(UNITS[0])}",
+                f"-I{HEADERS}",
                 str(HARNESSES / "run_library.c"),
                 "-o",
                 str(places[name]),

@@ -6,14 +6,13 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.plant.basis import Array
-from tests.helpers import STRUCTURES, Workshop, design_of
-from tests.native.workshop import native_folder, needs_zig
+from tests.helpers import STRUCTURES, UNITS, Workshop, design_of
+from tests.native.workshop import native_folder
 from tests.units.loaded import Loaded, loaded
 
 SAMPLE = 2e-4
-pytestmark = needs_zig
+pytestmark = pytest.mark.native
 
 Excitation = Callable[[Loaded, int], None]
 

@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve, expm
 
 from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, BuiltUnits, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 SAMPLE = 2e-4
@@ -93,20 +93,20 @@ def assert_close(found: Real, wanted: Real, model: BeamModel, tolerance: float) 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize(("basis", "tolerance"), [("clamped_free", 1e-10), ("segment", 1e-8)])
-def test_motion_is_exact(workshop: Workshop, structure: str, basis: str, tolerance: float) -> None:
+def test_motion_is_exact(units: BuiltUnits, structure: str, basis: str, tolerance: float) -> None:
     """The unit's energy coordinates against (q, q'); those lose digits themselves for the stiff basis."""
     model = design_of(structure, basis).model()
     inputs = inputs_of(model, 300)
-    with loaded(workshop.folder("BeamPlant", structure, basis)) as plant:
+    with loaded(units("BeamPlant", structure, basis)) as plant:
         found = run(plant.begin(), inputs)
     assert_close(found, expected(Motion(model), inputs), model, tolerance)
 
 
 @pytest.mark.parametrize("step", [1e-5, 3e-3, 0.25])
-def test_motion_is_exact_for_any_step(workshop: Workshop, step: float) -> None:
+def test_motion_is_exact_for_any_step(units: BuiltUnits, step: float) -> None:
     model = design_of().model()
     inputs = inputs_of(model, 60)
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         found = run(plant.begin(), inputs, step)
     assert_close(found, expected(Motion(model), inputs, step), model, 1e-10)
 
@@ -114,22 +114,22 @@ def test_motion_is_exact_for_any_step(workshop: Workshop, step: float) -> None:
 @pytest.mark.parametrize(
     ("basis", "steps", "tolerance"), [("clamped_free", 400, 1e-12), ("segment", 5, 1e-12), ("segment", 400, 2e-11)]
 )
-def test_splitting_a_step_changes_nothing(workshop: Workshop, basis: str, steps: int, tolerance: float) -> None:
+def test_splitting_a_step_changes_nothing(units: BuiltUnits, basis: str, steps: int, tolerance: float) -> None:
     """Rounding of the stiff basis's matrix exponential shifts phases by 1e-14 a step, which adds up."""
     model = design_of("kiel", basis).model()
     inputs = inputs_of(model, steps)
     traces = {}
     for parts in (1, 2, 5, 7):
-        with loaded(workshop.folder("BeamPlant", "kiel", basis)) as plant:
+        with loaded(units("BeamPlant", "kiel", basis)) as plant:
             traces[parts] = run(plant.begin(), inputs, 1e-3, parts)
     for parts in (2, 5, 7):
         assert_close(traces[parts], traces[1], model, tolerance)
 
 
-def test_steps_of_many_lengths(workshop: Workshop) -> None:
+def test_steps_of_many_lengths(units: BuiltUnits) -> None:
     """More different steps than the unit keeps matrices for."""
     model = design_of().model()
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         plant.begin(u=[500.0, -300.0, 200.0, 100.0])
         motion = Motion(model)
         for k in range(150):
@@ -141,13 +141,13 @@ def test_steps_of_many_lengths(workshop: Workshop) -> None:
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_every_parameter_acts_as_the_model_says(workshop: Workshop, name: str) -> None:
+def test_every_parameter_acts_as_the_model_says(units: BuiltUnits, name: str) -> None:
     structure = design_of().structure
     value = structure.parameters()[name] * 1.3
     model = beam_model(structure.with_parameters({name: value}))
     inputs = inputs_of(model, 40)
     rest = [300.0, -200.0, 100.0, 50.0]
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         found = run(plant.begin(**{name: value, "start_at_rest_under": rest}), inputs, 2e-3)
         plant.call("reset")
         before = run(plant.begin(start_at_rest_under=rest), inputs, 2e-3)
@@ -155,20 +155,20 @@ def test_every_parameter_acts_as_the_model_says(workshop: Workshop, name: str) -
     assert np.abs(found - before).max() > 1e-6 * np.abs(before).max()
 
 
-def test_all_parameters_at_once(workshop: Workshop) -> None:
+def test_all_parameters_at_once(units: BuiltUnits) -> None:
     structure = design_of().structure
     factors = np.random.default_rng(11).uniform(0.7, 1.4, len(PARAMETERS))
     values = {n: v * f for (n, v), f in zip(structure.parameters().items(), factors, strict=True)}
     model = beam_model(structure.with_parameters(values))
     inputs = inputs_of(model, 100)
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         found = run(plant.begin(**values), inputs, 1e-3)
     assert_close(found, expected(Motion(model), inputs, 1e-3), model, 1e-10)
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_impossible_parameters_are_refused_by_name(workshop: Workshop, name: str) -> None:
-    with loaded(workshop.folder("BeamPlant")) as plant:
+def test_impossible_parameters_are_refused_by_name(units: BuiltUnits, name: str) -> None:
+    with loaded(units("BeamPlant")) as plant:
         plant.prepare()
         with pytest.raises(UnitFailure) as failure:
             plant.put(name, -1e-3)
@@ -185,11 +185,11 @@ def test_impossible_parameters_are_refused_by_name(workshop: Workshop, name: str
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
-def test_starts_at_rest_under_voltages_and_stays(workshop: Workshop, structure: str) -> None:
+def test_starts_at_rest_under_voltages_and_stays(units: BuiltUnits, structure: str) -> None:
     model = design_of(structure).model()
     u = 400.0 * np.cos(np.arange(len(model.structure.patch)))
     force = np.zeros(len(model.structure.beam))
-    with loaded(workshop.folder("BeamPlant", structure)) as plant:
+    with loaded(units("BeamPlant", structure)) as plant:
         plant.begin(start_at_rest_under=u)
         start = plant.take("y_pi", "y_pm", "w", "energy")
         found = run(plant, np.tile(np.concatenate([u, force]), (100, 1)), 0.01)
@@ -197,10 +197,10 @@ def test_starts_at_rest_under_voltages_and_stays(workshop: Workshop, structure: 
     assert_close(found, np.tile(start, (100, 1)), model, 1e-10)
 
 
-def test_w_runs_from_the_clamp_to_the_tip(workshop: Workshop) -> None:
+def test_w_runs_from_the_clamp_to_the_tip(units: BuiltUnits) -> None:
     """Deflections at equal distances: zero at the clamp; their cubic interpolation meets y_pi of the same beam."""
     structure = design_of().structure
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         plant.begin(start_at_rest_under=[817.0, -770.0, -807.0, 781.0])
         w, y = plant.take("w").reshape(3, 21), plant.take("y_pi")
     assert np.abs(w[:, 0]).max() < 1e-15 * np.abs(w).max()
@@ -211,10 +211,10 @@ def test_w_runs_from_the_clamp_to_the_tip(workshop: Workshop) -> None:
         assert interpolated == pytest.approx(y[k], rel=1e-4)
 
 
-def test_energy_is_kept_without_damping_and_lost_with_it(workshop: Workshop) -> None:
+def test_energy_is_kept_without_damping_and_lost_with_it(units: BuiltUnits) -> None:
     none = {name: 0.0 for name in PARAMETERS if name.endswith("damping")}
     rest = {"start_at_rest_under": [817.0, -770.0, -807.0, 781.0]}
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         plant.begin(**none, **rest)
         start = plant.take("energy")[0]
         kept = [plant.advance(1e-3).take("energy")[0] for _ in range(2000)]
@@ -226,25 +226,34 @@ def test_energy_is_kept_without_damping_and_lost_with_it(workshop: Workshop) -> 
     assert lost[-1] < 0.9 * lost[0]
 
 
-def test_a_force_does_work(workshop: Workshop) -> None:
+def test_a_force_does_work(units: BuiltUnits) -> None:
     """Undamped, from rest, a constant force on a tip: what it does to the tip's deflection is all the energy."""
     none = {name: 0.0 for name in PARAMETERS if name.endswith("damping")}
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         plant.begin(**none)
         for _ in range(50):
             plant.advance(3e-3, force=[0.0, 0.2, 0.0])
             assert plant.take("energy")[0] == pytest.approx(0.2 * plant.take("w[2,21]")[0], rel=1e-9)
 
 
+def test_the_start_time_changes_no_motion(units: BuiltUnits) -> None:
+    traces = []
+    for start in (0.0, 3600.0):
+        with loaded(units("BeamPlant")) as plant:
+            plant.begin(start, u=300.0, strain_noise_std=1e-7)
+            traces.append([plant.advance(SAMPLE).take("y_pi", "w", "energy") for _ in range(20)])
+    np.testing.assert_array_equal(traces[0], traces[1])
+
+
 # Strain noise
 
 
 def strains(
-    workshop: Workshop, steps: int, step: float = SAMPLE, *, std: float = 1e-6, seed: int = 1, parts: int = 1
+    units: BuiltUnits, steps: int, step: float = SAMPLE, *, std: float = 1e-6, seed: int = 1, parts: int = 1
 ) -> Real:
     """Strains at the start and after each step, (steps + 1, n_pm), of a plant under constant voltage."""
     u = [300.0, -200.0, 100.0, 50.0]
-    with loaded(workshop.folder("BeamPlant")) as plant:
+    with loaded(units("BeamPlant")) as plant:
         plant.begin(u=u, start_at_rest_under=u, strain_noise_std=std, noise_seed=seed)
         trace = [plant.take("y_pm")]
         for _ in range(steps):
@@ -254,10 +263,10 @@ def strains(
     return np.array(trace)
 
 
-def test_noise_has_the_given_deviation_and_is_white(workshop: Workshop) -> None:
+def test_noise_has_the_given_deviation_and_is_white(units: BuiltUnits) -> None:
     """Bounds of 4 standard deviations of each estimate from n samples, for a fixed seed."""
     n = 8000
-    noise = (strains(workshop, n - 1, std=2e-6) - strains(workshop, 1, std=0.0)[0]) / 2e-6
+    noise = (strains(units, n - 1, std=2e-6) - strains(units, 1, std=0.0)[0]) / 2e-6
     assert np.all(np.abs(noise.mean(axis=0)) < 4 / np.sqrt(n))
     assert np.all(np.abs(noise.std(axis=0) - 1) < 4 / np.sqrt(2 * n))
     assert np.all(np.abs((noise**3).mean(axis=0)) < 4 * np.sqrt(15 / n))
@@ -268,26 +277,26 @@ def test_noise_has_the_given_deviation_and_is_white(workshop: Workshop) -> None:
         assert np.abs(noise[lag:].T @ noise[:-lag] / n).max() < 4.5 / np.sqrt(n)
 
 
-def test_noise_is_the_seeds_whatever_the_steps(workshop: Workshop) -> None:
-    first = strains(workshop, 40)
-    np.testing.assert_array_equal(strains(workshop, 40), first)
+def test_noise_is_the_seeds_whatever_the_steps(units: BuiltUnits) -> None:
+    first = strains(units, 40)
+    np.testing.assert_array_equal(strains(units, 40), first)
     scale = np.abs(first).max()
-    np.testing.assert_allclose(strains(workshop, 40, parts=3), first, rtol=0, atol=1e-12 * scale)
-    np.testing.assert_allclose(strains(workshop, 8, 5 * SAMPLE), first[::5], rtol=0, atol=1e-12 * scale)
-    other = strains(workshop, 40, seed=2)
+    np.testing.assert_allclose(strains(units, 40, parts=3), first, rtol=0, atol=1e-12 * scale)
+    np.testing.assert_allclose(strains(units, 8, 5 * SAMPLE), first[::5], rtol=0, atol=1e-12 * scale)
+    other = strains(units, 40, seed=2)
     assert np.abs(other - first).max(axis=1).min() > 1e-8
     assert np.abs(np.corrcoef((other - other.mean(axis=0)).ravel(), (first - first.mean(axis=0)).ravel())[0, 1]) < 0.25
 
 
-def test_noise_is_measured_only(workshop: Workshop) -> None:
+def test_noise_is_measured_only(units: BuiltUnits) -> None:
     """Noise neither moves the plant nor shows in the deflections."""
     traces = []
     for std in (0.0, 1e-5):
-        with loaded(workshop.folder("BeamPlant")) as plant:
+        with loaded(units("BeamPlant")) as plant:
             plant.begin(u=500.0, strain_noise_std=std)
             traces.append([plant.advance(SAMPLE).take("y_pi", "w", "energy") for _ in range(30)])
     np.testing.assert_array_equal(traces[0], traces[1])
 
 
-def test_seed_of_the_largest_integer(workshop: Workshop) -> None:
-    assert np.all(np.isfinite(strains(workshop, 3, seed=2**31 - 1)))
+def test_seed_of_the_largest_integer(units: BuiltUnits) -> None:
+    assert np.all(np.isfinite(strains(units, 3, seed=2**31 - 1)))

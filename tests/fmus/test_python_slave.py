@@ -26,13 +26,12 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging.python import (
-    PythonUnit,
-    build_python_unit,
     build_python_units,
     bundled_script,
     write_sources,
 )
 from flexbeams.fmus.python.kernel import UnitError
+from flexbeams.fmus.units.native_kernel import UnitData
 from tests.units import lag_interface as lag
 from tests.units.lag import Lag
 from tests.units.lag_interface import lag_unit, step_size
@@ -121,7 +120,7 @@ def life_cycle(folder: str) -> dict[str, Any]:
     unit = Instance(f"{folder}/lag")
     seen: dict[str, Any] = {"strings": unit.getString([reference("label"), reference("design_id")])[1]}
     seen["starts"] = unit.values([*u, *range(reference("gain[1]"), reference("trim") + 1)])
-    calls = [unit.setupExperiment(startTime=0.5, stopTime=2.0), unit.enterInitializationMode()]
+    calls = [unit.setupExperiment(startTime=0.5, stopTime=20.0), unit.enterInitializationMode()]
     calls += [
         unit.setReal([reference("gain[2]"), reference("x_start[1]")], [4.0, -0.7]),
         unit.setInteger([reference("substeps")], [3]),
@@ -253,7 +252,7 @@ def damaged_states(folder: str) -> tuple[list[Any], int]:
     foreign = other.fmu.serializeFMUstate(other.fmu.getFMUstate())
     flipped = bytearray(good)
     flipped[len(good) // 2] ^= 1
-    version = good[:8] + b"\2" + good[9:]
+    version = good[:8] + b"\3" + good[9:]
     seen = []
     for content in (foreign, bytes(flipped), good[:-1], good[:20], b"junk" * 99, version, good + b"\0"):
         before = unit.outputs()
@@ -272,7 +271,7 @@ def test_foreign_and_damaged_states_are_refused(folder: str, isolated: Callable[
         "damaged",
         "something else",
         "something else",
-        "version 1, got 2",
+        "version 2, got 3",
         "damaged",
     ]
     for refusal, rule in zip(refusals, rules, strict=True):
@@ -498,16 +497,15 @@ def test_unit_satisfies_fmpy(folder: str) -> None:
 
 def test_same_inputs_give_the_same_bytes_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     unit = lag_unit(tmp_path / "first.fmu")
-    arguments = (unit.interface, unit.data, unit.meta, unit.kernel_file)
-    first = build_python_unit(*arguments, tmp_path / "first.fmu").read_bytes()
+    first = build_python_units([unit])[0].read_bytes()
     elsewhere = tmp_path / "else" / "where"
     kernel = tmp_path / "kernel.py"
-    shutil.copyfile(unit.kernel_file, kernel)
+    shutil.copyfile(lag.KERNEL, kernel)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    data = {"b": np.asfortranarray(lag.b), "a": lag.a.astype(">f8")}
-    second = build_python_unit(unit.interface, dict(reversed(data.items())), unit.meta, kernel, elsewhere / "x.fmu")
-    assert second.read_bytes() == first
+    data = replace(unit.data, arrays={"b": np.asfortranarray(lag.b), "a": lag.a.astype(">f8")})
+    second = replace(unit, kind=lag.lag_kind(kernel), data=data, out=elsewhere / "x.fmu")
+    assert build_python_units([second])[0].read_bytes() == first
     assert os.listdir(elsewhere) == ["x.fmu"]
     assert str(tmp_path).encode() not in first
     with zipfile.ZipFile(tmp_path / "first.fmu") as archive:
@@ -519,13 +517,11 @@ def test_same_inputs_give_the_same_bytes_anywhere(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize("changed", ["data", "meta", "interface"])
 def test_every_content_changes_guid_and_module_name(tmp_path: Path, changed: str) -> None:
     first = lag_unit(tmp_path)
-    values: dict[str, Any] = {name: getattr(first, name) for name in ("interface", "data", "meta", "kernel_file")}
-    values[changed] = {
-        "data": {"a": lag.a, "b": np.nextafter(lag.b, 9.0)},
-        "meta": {"scale": 2.5},
-        "interface": replace(lag.lag_interface(), stop_time=2.0),
+    second = {
+        "data": replace(first, data=replace(first.data, arrays={"a": lag.a, "b": np.nextafter(lag.b, 9.0)})),
+        "meta": replace(first, data=replace(first.data, meta={"scale": 2.5})),
+        "interface": replace(first, interface=replace(lag.lag_interface(), stop_time=2.0)),
     }[changed]
-    second = PythonUnit(out=tmp_path, **values)
     names, descriptions = zip(*(write_sources(unit, tmp_path) for unit in (first, second)), strict=True)
     assert names[0] != names[1]
     assert descriptions[0] != descriptions[1]
@@ -556,13 +552,13 @@ def test_kernels_that_cannot_be_bundled_are_refused(tmp_path: Path, text: str, m
     kernel = tmp_path / "kernel.py"
     kernel.write_text("from flexbeams.fmus.python.slave import Unit\n" + text)
     with pytest.raises(BuildError, match=message.replace(".", r"\.")):
-        build_python_unit(lag.lag_interface(), {}, {}, kernel, tmp_path / "x.fmu")
+        build_python_units([replace(lag_unit(tmp_path / "x.fmu"), kind=lag.lag_kind(kernel))])
     assert not (tmp_path / "x.fmu").exists()
 
 
 def test_project_modules_are_joined_before_the_kernel(tmp_path: Path) -> None:
     kernel = tmp_path / "kernel.py"
-    text = lag_unit(tmp_path).kernel_file.read_text(encoding="utf-8")
+    text = lag.KERNEL.read_text(encoding="utf-8")
     kernel.write_text(
         text.replace("import numpy as np\n", "import numpy as np\n\nfrom flexbeams.plant.errors import InputError\n")
     )
@@ -585,7 +581,7 @@ def test_unit_needs_nothing_of_the_project(folder: str, tmp_path: Path) -> None:
 def test_data_that_is_not_numeric_is_refused(tmp_path: Path) -> None:
     unit = lag_unit(tmp_path / "x.fmu")
     with pytest.raises(BuildError, match=r"data\['name'\] must be numeric"):
-        build_python_unit(unit.interface, {"name": np.array(["text"])}, {}, unit.kernel_file, unit.out)
+        build_python_units([replace(unit, data=UnitData(arrays={"name": np.array(["text"])}))])
 
 
 def test_kernel_sees_its_data_read_only_and_named_views(tmp_path: Path) -> None:

@@ -18,17 +18,23 @@ import pytest
 from flexbeams.fmus.documents.xml_documents import SSV
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.build import build_units, native_unit
-from flexbeams.fmus.references.experiments import Experiment, experiments
+from flexbeams.fmus.references.experiments import Experiment
 from flexbeams.fmus.references.results import FOLDER, MANIFEST, NOTES, TOLERANCE, reference_results
-from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.fmus.units.catalogue import CATALOGUE, kind_named
+from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.time_table import TimeTable
-from flexbeams.scenarios.importing.documents import read_document, schema_problems
+from flexbeams.scenarios.importing.xml_reading import read_document, schema_problems
 from flexbeams.scenarios.simulation.instance import UnitInstance
-from flexbeams.scenarios.validation.reference_files import Trial, declared_experiments, read_trial, values_at
-from flexbeams.scenarios.validation.references import deviation, run_trial
-from tests.helpers import Workshop, design_of
+from flexbeams.scenarios.validation.reference_files import (
+    ReferenceRun,
+    declared_experiments,
+    read_reference_run,
+    values_at,
+)
+from flexbeams.scenarios.validation.references import deviation, simulate_reference
+from tests.helpers import UNITS, Workshop, design_of
 from tests.native.workshop import native_folder, needs_zig, workspace
 from tests.oracles.monolithic import feedforward, largest_difference, plant_matrices, plant_run
 
@@ -46,15 +52,17 @@ def carried(structure: str, basis: str, unit: str) -> tuple[Interface, dict[str,
     """A unit's interface, the files that it carries, and what they are made from."""
     design = design_of(structure, basis)
     model = design.model()
-    interface = interface_of(unit, design, model)
-    return interface, reference_results(interface, design, model), experiments(unit, design, model)
+    kind = kind_named(unit)
+    assert kind is not None
+    interface, experiments = kind.declare(design, model), list(kind.experiments(design, model))
+    return interface, reference_results(interface, experiments), experiments
 
 
 @cache
 def built() -> Path:
     """The folder with the native units as `flexbeams build` makes them."""
     design = design_of()
-    build_units(UNITS, design, design.model(), workspace() / "with-references")
+    build_units(CATALOGUE, design, design.model(), workspace() / "with-references")
     return workspace() / "with-references" / "native"
 
 
@@ -211,11 +219,11 @@ def test_references_agree_with_the_monolithic_oracle() -> None:
             assert largest_difference(experiment.references.values[:, columns], expected[:, columns]) < 1e-11
 
 
-def trials_of(files: dict[str, bytes], unit: Path, folder: Path) -> dict[str, Trial]:
+def reference_runs(files: dict[str, bytes], unit: Path, folder: Path) -> dict[str, ReferenceRun]:
     """The experiments by name, as they are read for an extracted unit."""
     description = fmpy.read_model_description(str(unit), validate=False)
     laid_out(folder, files)
-    return {e.name: read_trial(folder, description, e) for e in declared_experiments(folder, description)}
+    return {e.name: read_reference_run(folder, description, e) for e in declared_experiments(folder, description)}
 
 
 @pytest.mark.parametrize(
@@ -231,13 +239,13 @@ def test_units_reproduce_the_references(
     """Both kernels, far better than the tolerance that is given."""
     folder = native_folder(unit, structure) if kind == "native" else workshop.folder(unit, structure)
     _, files, made = carried(structure, "clamped_free", unit)
-    trials = trials_of(files, folder, tmp_path)
+    trials = reference_runs(files, folder, tmp_path)
     assert list(trials) == [e.name for e in made]
-    for trial in trials.values():
-        assert trial.tolerance == TOLERANCE
+    for reference in trials.values():
+        assert reference.tolerance == TOLERANCE
         instance = UnitInstance("unit", folder, fmpy.read_model_description(str(folder), validate=False), print)
         try:
-            assert deviation(trial, run_trial(trial, instance)).size < PRECISION[structure]
+            assert deviation(reference, simulate_reference(reference, instance)).size < PRECISION[structure]
         finally:
             instance.close()
 
@@ -277,7 +285,7 @@ def test_another_importer_reproduces_them(unit: str, tmp_path: Path) -> None:
 @needs_zig
 def test_two_builds_have_equal_bytes(tmp_path: Path) -> None:
     design = design_of()
-    for path in build_units(UNITS, design, design.model(), tmp_path):
+    for path in build_units(CATALOGUE, design, design.model(), tmp_path):
         assert path.read_bytes() == (built() / path.name).read_bytes()
         with zipfile.ZipFile(path) as archive:
             for name, content in carried("kiel", "clamped_free", path.stem)[1].items():
@@ -286,8 +294,8 @@ def test_two_builds_have_equal_bytes(tmp_path: Path) -> None:
 
 def test_a_unit_with_other_start_values_carries_none() -> None:
     design, out = design_of(), Path("unit.fmu")
-    assert native_unit("TrackingController", design, design.model(), out).extra.keys() >= {MANIFEST, NOTES}
-    assert native_unit("TrackingController", design, design.model(), out, {"feedback": False}).extra == {}
+    assert native_unit(TRACKING_CONTROLLER, design, design.model(), out).extra.keys() >= {MANIFEST, NOTES}
+    assert native_unit(TRACKING_CONTROLLER, design, design.model(), out, {"feedback": False}).extra == {}
 
 
 # validate
@@ -426,12 +434,12 @@ def test_other_layouts_are_read(layout: str, tmp_path: Path) -> None:
     laid_out(tmp_path, {**files, f"{FOLDER}/y.csv": REFERENCE})
     description = described("y", startTime="0", stepSize="0.25")
     [declared] = declared_experiments(tmp_path, description)
-    trial = read_trial(tmp_path, description, declared)
+    reference = read_reference_run(tmp_path, description, declared)
     assert declared.name == ("y.csv" if layout == "default" else "x")
-    assert (trial.start, trial.step, trial.ticks) == (0.0, 0.25, [0, 2, 6])
-    assert trial.tolerance == (1e-6 if layout == "default" else 1e-3)
-    assert trial.expected.tolist() == [[1.0], [2.0], [3.0]]
-    assert trial.driven.shape == (7, 0)
+    assert (reference.start, reference.step, reference.steps_done) == (0.0, 0.25, [0, 2, 6])
+    assert reference.tolerance == (1e-6 if layout == "default" else 1e-3)
+    assert reference.expected.tolist() == [[1.0], [2.0], [3.0]]
+    assert reference.driven.shape == (7, 0)
 
 
 def test_signals_may_be_picked(tmp_path: Path) -> None:
@@ -447,9 +455,9 @@ def test_signals_may_be_picked(tmp_path: Path) -> None:
     )
     description = described("y1", "y2", "b")
     [declared] = declared_experiments(tmp_path, description)
-    trial = read_trial(tmp_path, description, declared)
-    assert trial.names == ["y1", "b"]  # Reals first
-    assert trial.expected.tolist() == [[2.0, 0.0], [4.0, 1.0]]
+    reference = read_reference_run(tmp_path, description, declared)
+    assert reference.names == ["y1", "b"]  # Reals first
+    assert reference.expected.tolist() == [[2.0, 0.0], [4.0, 1.0]]
 
 
 @pytest.mark.parametrize(
@@ -466,7 +474,7 @@ def test_signals_may_be_picked(tmp_path: Path) -> None:
         ("<References source='y.csv'><Signal name='q'/></References>", "must name a column of the references"),
         (
             "<TransientSimulation stepSize='0.3'/><References source='y.csv'/>",
-            "must have rows at multiples of 0.3 s alone",
+            "must have rows at multiples of 0.3 s only",
         ),
         ("<TransientSimulation stepSize='1e-9'/><References source='y.csv'/>", "must lie within 1000000 steps"),
         ("<TransientSimulation startTime='1'/><References source='y.csv'/>", "must lie within 1000000 steps"),
@@ -496,7 +504,7 @@ def test_what_is_not_supported_is_refused(inside: str, message: str, tmp_path: P
     description = described("u", "y", stepSize=0.5)
     [declared] = declared_experiments(tmp_path, description)
     with pytest.raises(InputError) as refusal:
-        read_trial(tmp_path, description, declared)
+        read_reference_run(tmp_path, description, declared)
     assert message in str(refusal.value)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
-from flexbeams.fmus.units.signal_source import SourceSignal, signal_source, source_data
+from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE, SourceSignal, source_data, source_interface
 from flexbeams.scenarios.definition.schema import (
     Chirp,
     Input,
@@ -29,6 +29,8 @@ from flexbeams.scenarios.definition.signals import signal_of
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
+
+pytestmark = pytest.mark.native
 
 STEP = 2e-4  # s, of the unit
 INPUTS = {
@@ -106,10 +108,10 @@ class Source:
             for k in range(1, size + 1)
         }
         self.signals, self.outputs = source_signals(SCENARIO, folder, {"rig": rig}, {"rig": {"open[2]": -8.0}}, ())
-        interface = signal_source(self.signals, STEP, 0.8)
-        data, meta = source_data(interface, self.signals)
+        interface = source_interface(self.signals, STEP, 0.8)
+        data = source_data(interface, self.signals)
         self.file = folder / "SignalSource.fmu"
-        build_native_units([NativeUnit(interface=interface, data=data, meta=meta, out=self.file)])
+        build_native_units([NativeUnit(kind=SIGNAL_SOURCE, interface=interface, data=data, out=self.file)])
         self.description = fmpy.read_model_description(str(self.file), validate_model_structure=True)
         self.folder = fmpy.extract(str(self.file), unzipdir=str(folder / "unzipped"))
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
@@ -255,9 +257,10 @@ def test_states_are_restored(source: Source) -> None:
 
 def test_the_unit_is_valid_and_its_bytes_are_those_of_its_contents(source: Source, tmp_path: Path) -> None:
     assert validate_fmu(str(source.file)) == []
-    interface = signal_source(source.signals, STEP, 0.8)
-    data, meta = source_data(interface, source.signals)
-    again = build_native_units([NativeUnit(interface=interface, data=data, meta=meta, out=tmp_path / "again.fmu")])
+    interface = source_interface(source.signals, STEP, 0.8)
+    data = source_data(interface, source.signals)
+    unit = NativeUnit(kind=SIGNAL_SOURCE, interface=interface, data=data, out=tmp_path / "again.fmu")
+    again = build_native_units([unit])
     assert again[0].read_bytes() == source.file.read_bytes()
 
 

@@ -68,7 +68,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def make(done: set[str], folder: Path, known_designs: None, monkeypatch: pytest.MonkeyPatch) -> Make:
     """Runs a command of a page, each once."""
-    pytest.importorskip("ziglang")
     monkeypatch.chdir(folder)
 
     def run(line: str) -> None:
@@ -122,6 +121,8 @@ def test_python_that_is_not_run_is_python_at_least(tool: str) -> None:
 
 
 @pytest.mark.parametrize("tool", RUN_HERE)
+@pytest.mark.native
+@pytest.mark.masters
 def test_the_snippet_of_a_page_prints_what_the_page_says(tool: str, make: Make, folder: Path) -> None:
     if find_spec(RUN_HERE[tool]) is None:
         pytest.skip(f"{RUN_HERE[tool]} is not installed")
@@ -205,6 +206,7 @@ def loop_errors(package: Path, folder: Path, delays: int) -> tuple[float, float]
 
 
 @pytest.mark.parametrize(("delays", "bound"), [(0, 0.35e-6), (1, 0.4e-6)])
+@pytest.mark.native
 def test_errors_and_voltages_of_single_units_are_as_the_pages_say(
     delays: int, bound: float, make: Make, folder: Path, tmp_path: Path
 ) -> None:
@@ -214,6 +216,7 @@ def test_errors_and_voltages_of_single_units_are_as_the_pages_say(
     assert voltage == pytest.approx(817.0, abs=0.1)
 
 
+@pytest.mark.native
 def test_single_units_list_all_their_sources(make: Make, folder: Path, tmp_path: Path) -> None:
     make(lines_of("ecos")[0])
     with zipfile.ZipFile(folder / "tracking.ssp") as archive:

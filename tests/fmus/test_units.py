@@ -11,9 +11,9 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import STRUCTURES, Workshop, design_of
+from tests.helpers import STRUCTURES, UNITS, Workshop, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 BASES = ("clamped_free", "segment")
@@ -121,9 +121,9 @@ def test_the_37_parameters_of_the_paper(workshop: Workshop) -> None:
 def test_description_is_that_of_the_interface(workshop: Workshop) -> None:
     """The file that ships has the variables of the one declaration, value references in its order."""
     design = design_of()
-    for unit in UNITS:
-        declared = interface_of(unit, design, design.model()).variables
-        read = read_model_description(workshop.fmu(unit), validate=False).modelVariables
+    for kind in CATALOGUE:
+        declared = kind.declare(design, design.model()).variables
+        read = read_model_description(workshop.fmu(kind.name), validate=False).modelVariables
         assert [(v.name, v.causality, v.unit) for v in read] == [(v.name, v.causality, v.unit) for v in declared]
         assert [v.valueReference for v in read] == list(range(len(read)))
 
@@ -313,6 +313,6 @@ def test_fmu_files_are_reproducible(workshop: Workshop, tmp_path: Path) -> None:
     from flexbeams.fmus.packaging.build import build_units
 
     design = design_of("single_beam")
-    again: list[Any] = build_units(UNITS, design, design.model(), tmp_path, backend="python")
+    again: list[Any] = build_units(CATALOGUE, design, design.model(), tmp_path, backend="python")
     for path in again:
         assert path.read_bytes() == workshop.fmu(path.stem, "single_beam").read_bytes()

@@ -37,12 +37,14 @@ void free(void *block)
 int main(void)
 {
     const fmi2CallbackFunctions silent = {.logger = log_line};
-    static fmi2ValueReference inputs[512], reals[4096];
+    static fmi2ValueReference inputs[512];
+    static fmi2ValueReference reals[4096];
     static double values[4096];
-    const size_t input_count = reals_of(INPUT, inputs), real_count = reals_of(LOCAL + 1, reals);
     const double endless = 1e300;
-    const fmi2Component instance = fmi2Instantiate("a", fmi2CoSimulation, unit_guid, NULL, &silent, 0, 1);
-    CHECK(instance != NULL);
+    const fmi2Component instance = fmi2Instantiate("a", fmi2CoSimulation, UNIT_GUID, NULL, &silent, 0, 1);
+    describe(instance);
+    const size_t input_count = reals_of(INPUT, inputs);
+    const size_t real_count = reals_of(LOCAL + 1, reals);
     CHECK(call_count > 0);
     const unsigned long before = call_count;
     for (int turn = 0; turn < 2; turn++) {
@@ -51,7 +53,7 @@ int main(void)
         CHECK(fmi2ExitInitializationMode(instance) == fmi2OK);
         double time = 0.0;
         for (size_t k = 0; k < 400; k++) {
-            const double step = unit_step_size * (double)(1 + k % 7);
+            const double step = described->step_size * (double)(1 + k % 7);
             for (size_t i = 0; i < input_count; i++)
                 values[i] = 1e-4 * (double)((k / 50 + i) % 3);
             CHECK(fmi2SetReal(instance, inputs, input_count, values) == fmi2OK);

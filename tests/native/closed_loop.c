@@ -1,7 +1,8 @@
-/* The closed loop of three units linked into one program, each with its function prefix: through the FMI functions and,
-   on the same instances, with the bare arithmetic behind them. Prints seconds and the result of both as JSON.
+/* The closed loop of three units linked into one program: through the FMI functions under their prefixes and, on the
+   same instances, with the bare arithmetic behind them. Prints seconds and the result of both as JSON.
 
-   closed_loop STEPS TARGET...: the target deflections, reached from rest, then left again half-way. */
+   closed_loop STEPS PLANT_GUID FEEDFORWARD_GUID CONTROLLER_GUID TARGET...: the target deflections, reached from rest,
+   then left again half-way. */
 
 #define _POSIX_C_SOURCE 200809L
 
@@ -11,22 +12,16 @@
 #include <string.h>
 #include <time.h>
 
-#define FMI2_FUNCTION_PREFIX BeamPlant_
-#include "unit.h"
+#include "instance.h"
 
-#define DECLARE(unit_name)                                                       \
-    extern const size_t unit_name##_unit_variable_count;                         \
-    extern const variable unit_name##_unit_variables[];                          \
-    extern const char unit_name##_unit_guid[];                                   \
-    extern const double unit_name##_unit_step_size;                              \
-    bool unit_name##_unit_advance(unit *unit, double time, double step);         \
-    fmi2InstantiateTYPE unit_name##_fmi2Instantiate;                             \
-    fmi2FreeInstanceTYPE unit_name##_fmi2FreeInstance;                           \
-    fmi2SetupExperimentTYPE unit_name##_fmi2SetupExperiment;                     \
-    fmi2EnterInitializationModeTYPE unit_name##_fmi2EnterInitializationMode;     \
-    fmi2ExitInitializationModeTYPE unit_name##_fmi2ExitInitializationMode;       \
-    fmi2GetRealTYPE unit_name##_fmi2GetReal;                                     \
-    fmi2SetRealTYPE unit_name##_fmi2SetReal;                                     \
+#define DECLARE(unit_name)                                                                                             \
+    fmi2InstantiateTYPE unit_name##_fmi2Instantiate;                                                                   \
+    fmi2FreeInstanceTYPE unit_name##_fmi2FreeInstance;                                                                 \
+    fmi2SetupExperimentTYPE unit_name##_fmi2SetupExperiment;                                                           \
+    fmi2EnterInitializationModeTYPE unit_name##_fmi2EnterInitializationMode;                                           \
+    fmi2ExitInitializationModeTYPE unit_name##_fmi2ExitInitializationMode;                                             \
+    fmi2GetRealTYPE unit_name##_fmi2GetReal;                                                                           \
+    fmi2SetRealTYPE unit_name##_fmi2SetReal;                                                                           \
     fmi2DoStepTYPE unit_name##_fmi2DoStep;
 
 DECLARE(BeamPlant)
@@ -40,19 +35,18 @@ typedef struct {
     size_t count;
     fmi2ValueReference references[MOST];
     double values[MOST];
-} signal;
+} Signal;
 
-static signal find(const variable *variables, size_t count, const char *name)
+static Signal find(fmi2Component component, const char *name)
 {
-    signal found = {0};
+    const UnitDescription *const unit = ((const Instance *)component)->description;
+    Signal found = {0};
     const size_t length = strlen(name);
-    for (size_t k = 0; k < count && found.count < MOST; k++)
-        if (strncmp(variables[k].name, name, length) == 0 && variables[k].name[length] == '[')
+    for (size_t k = 0; k < unit->variable_count && found.count < MOST; k++)
+        if (strncmp(unit->variables[k].name, name, length) == 0 && unit->variables[k].name[length] == '[')
             found.references[found.count++] = (fmi2ValueReference)k;
     return found;
 }
-
-#define SIGNAL(unit_name, name) find(unit_name##_unit_variables, unit_name##_unit_variable_count, name)
 
 static void log_line(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
                      fmi2String message, ...)
@@ -70,16 +64,25 @@ static void check(fmi2Status status)
         exit(1);
 }
 
-#define CREATE(unit_name) \
-    unit_name##_fmi2Instantiate(#unit_name, fmi2CoSimulation, unit_name##_unit_guid, NULL, &callbacks, 0, 0)
-#define INITIALISE(unit_name, instance)                                          \
-    check(unit_name##_fmi2SetupExperiment(instance, 0, 0.0, 0.0, 0, 0.0));        \
-    check(unit_name##_fmi2EnterInitializationMode(instance));                    \
+#define CREATE(unit_name, guid) unit_name##_fmi2Instantiate(#unit_name, fmi2CoSimulation, guid, NULL, &callbacks, 0, 0)
+#define INITIALISE(unit_name, instance)                                                                                \
+    check(unit_name##_fmi2SetupExperiment(instance, 0, 0.0, 0.0, 0, 0.0));                                             \
+    check(unit_name##_fmi2EnterInitializationMode(instance));                                                          \
     check(unit_name##_fmi2ExitInitializationMode(instance))
-#define GET(unit_name, instance, from) \
+#define GET(unit_name, instance, from)                                                                                 \
     check(unit_name##_fmi2GetReal(instance, (from).references, (from).count, (from).values))
-#define SET(unit_name, instance, to, data) \
-    check(unit_name##_fmi2SetReal(instance, (to).references, (to).count, data))
+#define SET(unit_name, instance, to, data) check(unit_name##_fmi2SetReal(instance, (to).references, (to).count, data))
+
+static bool advance(UnitInstance *unit, double time, double step)
+{
+    return unit->hooks->advance(unit, time, step);
+}
+
+/* Values of one instance into those of another. */
+static void copy(UnitInstance *to, const Signal *input, const UnitInstance *from, const Signal *output)
+{
+    memcpy(to->values + input->references[0], from->values + output->references[0], output->count * sizeof(double));
+}
 
 static int64_t now(void)
 {
@@ -90,48 +93,59 @@ static int64_t now(void)
 
 static int ascending(const void *one, const void *other)
 {
-    const int64_t a = *(const int64_t *)one, b = *(const int64_t *)other;
+    const int64_t a = *(const int64_t *)one;
+    const int64_t b = *(const int64_t *)other;
     return (a > b) - (a < b);
 }
 
 int main(int argc, char **argv)
 {
-    const size_t steps = argc > 1 ? (size_t)strtoul(argv[1], NULL, 10) : 25000;
-    signal y_pm = SIGNAL(BeamPlant, "y_pm"), y_pi = SIGNAL(BeamPlant, "y_pi"), u_plant = SIGNAL(BeamPlant, "u");
-    signal target = SIGNAL(FlatnessFeedforward, "y_target"), u_ff = SIGNAL(FlatnessFeedforward, "u_ff");
-    signal x_ref = SIGNAL(FlatnessFeedforward, "x_ref"), u = SIGNAL(TrackingController, "u");
-    signal y_pm_in = SIGNAL(TrackingController, "y_pm"), u_ff_in = SIGNAL(TrackingController, "u_ff");
-    signal x_ref_in = SIGNAL(TrackingController, "x_ref");
+    if (argc < 5)
+        return 2;
+    const size_t steps = (size_t)strtoul(argv[1], NULL, 10);
     int64_t *const durations = calloc(steps, sizeof *durations);
     if (durations == NULL)
         return 1;
-    const double h = BeamPlant_unit_step_size;
-    double seconds[2], results[2];
+    double seconds[2];
+    double results[2];
 
     for (int bare = 0; bare < 2; bare++) {
-        const fmi2Component plant = CREATE(BeamPlant), feedforward = CREATE(FlatnessFeedforward);
-        const fmi2Component controller = CREATE(TrackingController);
+        const fmi2Component plant = CREATE(BeamPlant, argv[2]);
+        const fmi2Component feedforward = CREATE(FlatnessFeedforward, argv[3]);
+        const fmi2Component controller = CREATE(TrackingController, argv[4]);
         INITIALISE(BeamPlant, plant);
         INITIALISE(FlatnessFeedforward, feedforward);
         INITIALISE(TrackingController, controller);
-        unit *const p = plant, *const f = feedforward, *const c = controller;  /* each instance starts with its unit */
+        UnitInstance *const p = plant; /* each instance starts with its unit */
+        UnitInstance *const f = feedforward;
+        UnitInstance *const c = controller;
+        Signal y_pm = find(plant, "y_pm");
+        Signal y_pi = find(plant, "y_pi");
+        Signal target = find(feedforward, "y_target");
+        Signal u_ff = find(feedforward, "u_ff");
+        Signal x_ref = find(feedforward, "x_ref");
+        Signal u = find(controller, "u");
+        const Signal u_plant = find(plant, "u");
+        const Signal y_pm_in = find(controller, "y_pm");
+        const Signal u_ff_in = find(controller, "u_ff");
+        const Signal x_ref_in = find(controller, "x_ref");
+        const double h = p->step_size;
         const int64_t begin = now();
         for (size_t k = 0; k < steps; k++) {
             const int64_t before = bare ? 0 : now();
             const double time = (double)k * h;
             if (k == 0 || k == steps / 2) {
                 for (size_t i = 0; i < target.count; i++)
-                    target.values[i] = k == 0 && (int)i + 2 < argc ? strtod(argv[i + 2], NULL) : 0.0;
+                    target.values[i] = k == 0 && (int)i + 5 < argc ? strtod(argv[i + 5], NULL) : 0.0;
                 SET(FlatnessFeedforward, feedforward, target, target.values);
             }
             if (bare) {
-                if (!BeamPlant_unit_advance(p, time, h) || !FlatnessFeedforward_unit_advance(f, time, h) ||
-                    !TrackingController_unit_advance(c, time, h))
+                if (!advance(p, time, h) || !advance(f, time, h) || !advance(c, time, h))
                     return 1;
-                memcpy(p->values + u_plant.references[0], c->values + u.references[0], u.count * sizeof h);
-                memcpy(c->values + y_pm_in.references[0], p->values + y_pm.references[0], y_pm.count * sizeof h);
-                memcpy(c->values + u_ff_in.references[0], f->values + u_ff.references[0], u_ff.count * sizeof h);
-                memcpy(c->values + x_ref_in.references[0], f->values + x_ref.references[0], x_ref.count * sizeof h);
+                copy(p, &u_plant, c, &u);
+                copy(c, &y_pm_in, p, &y_pm);
+                copy(c, &u_ff_in, f, &u_ff);
+                copy(c, &x_ref_in, f, &x_ref);
                 continue;
             }
             check(BeamPlant_fmi2DoStep(plant, time, h, 1));

@@ -52,10 +52,10 @@ static double step_size(void)
 {
     const unsigned choice = byte();
     if (choice < 160)
-        return unit_step_size * (double)(1 + choice % 3);
-    double step = choice < 200 ? unit_step_size * (double)(choice - 159) : real();
-    if (step > 50 * unit_step_size && step <= 1e7 * unit_step_size)
-        step = 50 * unit_step_size;
+        return described->step_size * (double)(1 + choice % 3);
+    double step = choice < 200 ? described->step_size * (double)(choice - 159) : real();
+    if (step > 50 * described->step_size && step <= 1e7 * described->step_size)
+        step = 50 * described->step_size;
     return step;
 }
 
@@ -63,14 +63,14 @@ static fmi2ValueReference reference(void)
 {
     const unsigned choice = byte();
     if (choice < 250)
-        return (fmi2ValueReference)(choice % (unit_variable_count + 2));
+        return (fmi2ValueReference)(choice % (described->variable_count + 2));
     return (fmi2ValueReference)word(4);
 }
 
 static size_t length(void)
 {
     const unsigned choice = byte();
-    return choice < 250 ? choice % MOST : choice < 253 ? (size_t)-1 : unit_variable_count + 1;
+    return choice < 250 ? choice % MOST : choice < 253 ? (size_t)-1 : described->variable_count + 1;
 }
 
 static uint32_t crc32(const unsigned char *bytes, size_t size)
@@ -88,19 +88,20 @@ typedef struct {
     fmi2Component component;
     fmi2FMUstate state;
     double time;
-} subject;
+} Subject;
 
-static void release_subject(subject *subject)
+static void release_subject(Subject *subject)
 {
     if (subject->component != NULL)
         fmi2FreeFMUstate(subject->component, &subject->state);
     fmi2FreeInstance(subject->component);
-    subject->component = subject->state = NULL;
+    subject->component = NULL;
+    subject->state = NULL;
     subject->time = 0.0;
 }
 
 /* Saves through bytes that were changed on the way, often with a matching checksum. */
-static void spoil_state(subject *subject)
+static void spoil_state(Subject *subject)
 {
     size_t size = 0;
     if (subject->state == NULL || fmi2SerializedFMUstateSize(subject->component, subject->state, &size) != fmi2OK)
@@ -112,12 +113,12 @@ static void spoil_state(subject *subject)
     size_t given = size;
     const unsigned changes = byte() % 6;
     for (unsigned k = 0; k < changes; k++) {
-        const size_t place = (size_t)word(2) % size;
-        if (byte() < 128 || place + 8 > size)
-            bytes[place] = (char)byte();
+        const size_t index = (size_t)word(2) % size;
+        if (byte() < 128 || index + 8 > size)
+            bytes[index] = (char)byte();
         else {
             const double value = real();
-            memcpy(bytes + place / 8 * 8, &value, sizeof value);
+            memcpy(bytes + index / 8 * 8, &value, sizeof value);
         }
     }
     const unsigned choice = byte();
@@ -134,12 +135,12 @@ static void spoil_state(subject *subject)
     free(bytes);
 }
 
-static void note_time(subject *subject)
+static void note_time(Subject *subject)
 {
     fmi2GetRealStatus(subject->component, fmi2LastSuccessfulTime, &subject->time);
 }
 
-static void call(subject *subject)
+static void call(Subject *subject)
 {
     fmi2ValueReference references[MOST];
     double reals[MOST];
@@ -151,7 +152,8 @@ static void call(subject *subject)
     const unsigned function = byte();
     if (c == NULL || function == 0) {
         release_subject(subject);
-        const char *const name = byte() < 8 ? "" : "a", *const guid = byte() < 8 ? "{}" : unit_guid;
+        const char *const name = byte() < 8 ? "" : "a";
+        const char *const guid = byte() < 8 ? "{}" : UNIT_GUID;
         const fmi2Type type = byte() < 8 ? fmi2ModelExchange : fmi2CoSimulation;
         subject->component = fmi2Instantiate(name, type, guid, NULL, byte() < 4 ? NULL : &callbacks, 0, byte() < 128);
         return;
@@ -166,7 +168,7 @@ static void call(subject *subject)
             wholes[k] = (int)word(byte() < 200 ? 1 : 4);
             texts[k] = byte() < 200 ? "text%s" : NULL;
         }
-        if (count <= unit_variable_count && count > MOST)
+        if (count <= described->variable_count && count > MOST)
             count = MOST;
     }
     const bool null = with_values && byte() < 6;
@@ -257,7 +259,7 @@ static void call(subject *subject)
     case 28:
         fmi2SerializedFMUstateSize(c, subject->state, byte() < 128 ? &size : NULL);
         break;
-    default:  /* into the middle of things */
+    default: /* into the middle of things */
         fmi2Reset(c);
         fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0);
         fmi2EnterInitializationMode(c);
@@ -269,7 +271,12 @@ static void call(subject *subject)
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
-    subject subjects[INSTANCES] = {{.component = NULL}};
+    Subject subjects[INSTANCES] = {{.component = NULL}};
+    if (described == NULL) {
+        const fmi2Component first = fmi2Instantiate("a", fmi2CoSimulation, UNIT_GUID, NULL, &callbacks, 0, 0);
+        describe(first);
+        fmi2FreeInstance(first);
+    }
     data = bytes;
     left = size;
     for (int k = 0; left > 0 && k < 200; k++)

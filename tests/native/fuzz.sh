@@ -8,15 +8,17 @@ mkdir -p "$folder"
 python -c "
 import shutil, sys
 from pathlib import Path
-from tests.native.workshop import NATIVE_UNITS, source_files, source_folder
+from tests.native.workshop import INCLUDES, NATIVE_UNITS, guid_of, source_folder
 for unit in NATIVE_UNITS:
     folder = Path(sys.argv[1], unit)
     shutil.copytree(source_folder(unit, small=True), folder, dirs_exist_ok=True)
-    (folder / 'compiled').write_text(' '.join(str(folder / path.name) for path in source_files(unit, small=True)))
+    (folder / 'guid').write_text(guid_of(unit, small=True))
+Path(sys.argv[1], 'includes').write_text(' '.join(INCLUDES))
 " "$folder"
 for unit in BeamPlant FlatnessFeedforward TrackingController BeamClosedLoop; do
-    clang -O1 -g -std=c99 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all -I"$folder/$unit" \
-        $(cat "$folder/$unit/compiled") tests/native/fuzz.c -o "$folder/fuzz_$unit" -lm
+    clang -O1 -g -std=c99 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all \
+        -DUNIT_GUID="\"$(cat "$folder/$unit/guid")\"" -DFMI2_OVERRIDE_FUNCTION_PREFIX $(cat "$folder/includes") \
+        "$folder/$unit/$unit.c" tests/native/fuzz.c -o "$folder/fuzz_$unit" -lm
     mkdir -p "$folder/corpus_$unit"
     "$folder/fuzz_$unit" -runs="$runs" -max_len=300 -print_final_stats=1 -artifact_prefix="$folder/$unit-" \
         "$folder/corpus_$unit" 2>&1 | tee "$folder/$unit.log"

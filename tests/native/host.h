@@ -1,4 +1,5 @@
-/* A host for the harnesses: counts what a unit logs and allocates. Compiled together with the sources of a unit. */
+/* A host for the harnesses: counts what a unit logs and allocates. Linked with the one file of a unit; UNIT_GUID is its
+   GUID. */
 
 #ifndef HOST_H
 #define HOST_H
@@ -8,20 +9,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "unit.h"
+#include "instance.h"
 
 /* Stop the program, also with NDEBUG. */
-#define CHECK(condition)                                                                   \
-    do {                                                                                   \
-        if (!(condition)) {                                                                \
-            fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition);        \
-            fprintf(stderr, "last line in the log: %s\n", last_line);                      \
-            abort();                                                                       \
-        }                                                                                  \
+#define CHECK(condition)                                                                                               \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition);                                    \
+            fprintf(stderr, "last line in the log: %s\n", last_line);                                                  \
+            abort();                                                                                                   \
+        }                                                                                                              \
     } while (false)
 
 static unsigned line_count;
-static long block_count;  /* blocks that are not freed */
+static long block_count; /* blocks that are not freed */
 static char last_line[512];
 
 static void log_line(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
@@ -51,20 +52,36 @@ static void release(void *block)
 }
 
 static const fmi2CallbackFunctions callbacks = {
-    .logger = log_line, .allocateMemory = allocate, .freeMemory = release,
+    .logger = log_line,
+    .allocateMemory = allocate,
+    .freeMemory = release,
 };
 
-static inline enum type type_of(size_t reference) { return unit_kinds[reference] & TYPE_MASK; }
-static inline enum causality causality_of(size_t reference)
+static const UnitDescription *described; /* the unit, once there is an instance */
+
+/* Makes an instance known to the functions below. */
+static inline void describe(fmi2Component component)
 {
-    return unit_kinds[reference] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
+    const Instance *const instance = component;
+    CHECK(instance != NULL);
+    described = instance->description;
+}
+
+static inline VariableType type_of(size_t reference)
+{
+    return described->kinds[reference] & TYPE_MASK;
+}
+
+static inline Causality causality_of(size_t reference)
+{
+    return described->kinds[reference] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
 }
 
 /* Value references of the Real variables of a causality, or of all with causality LOCAL + 1. */
-static inline size_t reals_of(enum causality causality, fmi2ValueReference *references)
+static inline size_t reals_of(Causality causality, fmi2ValueReference *references)
 {
     size_t count = 0;
-    for (size_t k = 0; k < unit_variable_count; k++)
+    for (size_t k = 0; k < described->variable_count; k++)
         if (type_of(k) == REAL && (causality > LOCAL || causality_of(k) == causality))
             references[count++] = (fmi2ValueReference)k;
     return count;

@@ -9,23 +9,25 @@
 #define STEPS 60
 
 static fmi2Component instance;
-static fmi2ValueReference reals[4096], inputs[512];
-static size_t real_count, input_count;
+static fmi2ValueReference reals[4096];
+static fmi2ValueReference inputs[512];
+static size_t real_count;
+static size_t input_count;
 
 /* The call is refused with one line and this status. */
-#define REFUSED(status, call)                         \
-    do {                                              \
-        const unsigned before = line_count;           \
-        CHECK((call) == (status));                    \
-        CHECK(line_count == before + 1);              \
+#define REFUSED(status, call)                                                                                          \
+    do {                                                                                                               \
+        const unsigned before = line_count;                                                                            \
+        CHECK((call) == (status));                                                                                     \
+        CHECK(line_count == before + 1);                                                                               \
     } while (false)
 
 /* The call works without a line. */
-#define WORKS(call)                                   \
-    do {                                              \
-        const unsigned before = line_count;           \
-        CHECK((call) == fmi2OK);                      \
-        CHECK(line_count == before);                  \
+#define WORKS(call)                                                                                                    \
+    do {                                                                                                               \
+        const unsigned before = line_count;                                                                            \
+        CHECK((call) == fmi2OK);                                                                                       \
+        CHECK(line_count == before);                                                                                   \
     } while (false)
 
 static void *no_memory(size_t count, size_t size)
@@ -40,16 +42,16 @@ static void refuse_instances(void)
     const fmi2CallbackFunctions silent = {.allocateMemory = allocate, .freeMemory = release};
     fmi2CallbackFunctions poor = callbacks;
     poor.allocateMemory = no_memory;
-    CHECK(fmi2Instantiate("a", fmi2CoSimulation, unit_guid, NULL, NULL, 0, 0) == NULL);
-    CHECK(fmi2Instantiate("a", fmi2CoSimulation, unit_guid, NULL, &silent, 0, 0) == NULL);
+    CHECK(fmi2Instantiate("a", fmi2CoSimulation, UNIT_GUID, NULL, NULL, 0, 0) == NULL);
+    CHECK(fmi2Instantiate("a", fmi2CoSimulation, UNIT_GUID, NULL, &silent, 0, 0) == NULL);
     CHECK(line_count == 0);
-    CHECK(fmi2Instantiate(NULL, fmi2CoSimulation, unit_guid, NULL, &callbacks, 0, 0) == NULL);
-    CHECK(fmi2Instantiate("", fmi2CoSimulation, unit_guid, NULL, &callbacks, 0, 0) == NULL);
-    CHECK(fmi2Instantiate("a", fmi2ModelExchange, unit_guid, NULL, &callbacks, 0, 0) == NULL);
+    CHECK(fmi2Instantiate(NULL, fmi2CoSimulation, UNIT_GUID, NULL, &callbacks, 0, 0) == NULL);
+    CHECK(fmi2Instantiate("", fmi2CoSimulation, UNIT_GUID, NULL, &callbacks, 0, 0) == NULL);
+    CHECK(fmi2Instantiate("a", fmi2ModelExchange, UNIT_GUID, NULL, &callbacks, 0, 0) == NULL);
     CHECK(fmi2Instantiate("a", fmi2CoSimulation, "{other}", NULL, &callbacks, 0, 0) == NULL);
     CHECK(fmi2Instantiate("a", fmi2CoSimulation, NULL, NULL, &callbacks, 0, 0) == NULL);
     CHECK(line_count == 5);
-    CHECK(fmi2Instantiate("a", fmi2CoSimulation, unit_guid, NULL, &poor, 0, 0) == NULL);
+    CHECK(fmi2Instantiate("a", fmi2CoSimulation, UNIT_GUID, NULL, &poor, 0, 0) == NULL);
     CHECK(line_count == 6 && block_count == 0);
 }
 
@@ -104,13 +106,14 @@ static void start(double time)
 /* Steps from `first` on with inputs that depend on the step; returns a sum over all values along the way. */
 static double run(double time, size_t first, size_t last)
 {
-    double values[4096], sum = 0.0;
+    double values[4096];
+    double sum = 0.0;
     for (size_t k = first; k < last; k++) {
         double level[512];
         for (size_t i = 0; i < input_count; i++)
             level[i] = 1e-4 * sin(0.3 * (double)(k / 20 + 1) * (double)(i + 1));
         WORKS(fmi2SetReal(instance, inputs, input_count, level));
-        WORKS(fmi2DoStep(instance, time + (double)k * unit_step_size, unit_step_size, fmi2True));
+        WORKS(fmi2DoStep(instance, time + (double)k * described->step_size, described->step_size, fmi2True));
         WORKS(fmi2GetReal(instance, reals, real_count, values));
         for (size_t i = 0; i < real_count; i++) {
             CHECK(isfinite(values[i]));
@@ -122,7 +125,7 @@ static double run(double time, size_t first, size_t last)
 
 static void no_step_follows(void)
 {
-    REFUSED(fmi2Error, fmi2DoStep(instance, 0.0, unit_step_size, fmi2True));
+    REFUSED(fmi2Error, fmi2DoStep(instance, 0.0, described->step_size, fmi2True));
     CHECK(strstr(last_line, "refused until fmi2Reset") != NULL);
     WORKS(fmi2Reset(instance));
 }
@@ -130,14 +133,21 @@ static void no_step_follows(void)
 /* Each call breaks one rule. The unit logs it once, steps no more, and is whole again after fmi2Reset. */
 static void misuse(void)
 {
-    const fmi2ValueReference beyond = (fmi2ValueReference)unit_variable_count, time = 0, input = inputs[0];
-    const double nan_value = NAN, infinite = INFINITY, one = 1.0;
+    const fmi2ValueReference beyond = (fmi2ValueReference)described->variable_count;
+    const fmi2ValueReference time = 0;
+    const fmi2ValueReference input = inputs[0];
+    const double nan_value = NAN;
+    const double infinite = INFINITY;
+    const double one = 1.0;
     const fmi2Integer order = 1;
     double real;
     int whole;
     fmi2String text = "a%sb";
 
-#define MISUSE(call) start(0.0); REFUSED(fmi2Error, call); no_step_follows()
+#define MISUSE(call)                                                                                                   \
+    start(0.0);                                                                                                        \
+    REFUSED(fmi2Error, call);                                                                                          \
+    no_step_follows()
     MISUSE(fmi2GetReal(instance, NULL, 1, &real));
     MISUSE(fmi2GetReal(instance, &time, 1, NULL));
     MISUSE(fmi2GetReal(instance, &beyond, 1, &real));
@@ -158,8 +168,8 @@ static void misuse(void)
     MISUSE(fmi2DoStep(instance, 0.0, -1.0, fmi2True));
     MISUSE(fmi2DoStep(instance, 0.0, nan_value, fmi2True));
     MISUSE(fmi2DoStep(instance, 0.0, DBL_MAX, fmi2True));
-    MISUSE(fmi2DoStep(instance, nan_value, unit_step_size, fmi2True));
-    MISUSE(fmi2DoStep(instance, 1.0, unit_step_size, fmi2True));
+    MISUSE(fmi2DoStep(instance, nan_value, described->step_size, fmi2True));
+    MISUSE(fmi2DoStep(instance, 1.0, described->step_size, fmi2True));
     MISUSE(fmi2SetupExperiment(instance, 0, 0, 0, 0, 0));
     MISUSE(fmi2EnterInitializationMode(instance));
     MISUSE(fmi2ExitInitializationMode(instance));
@@ -168,14 +178,14 @@ static void misuse(void)
     MISUSE(fmi2SerializedFMUstateSize(instance, NULL, NULL));
     MISUSE(fmi2SerializeFMUstate(instance, NULL, NULL, 0));
     MISUSE(fmi2DeSerializeFMUstate(instance, NULL, 0, NULL));
-    if (unit_interpolates_inputs) {
+    if (described->interpolates_inputs) {
         const fmi2Integer second = 2;
         MISUSE(fmi2SetRealInputDerivatives(instance, &input, 1, &second, &one));
         MISUSE(fmi2SetRealInputDerivatives(instance, &input, 1, NULL, &one));
         MISUSE(fmi2SetRealInputDerivatives(instance, &input, 1, &order, &nan_value));
         MISUSE(fmi2SetRealInputDerivatives(instance, &time, 1, &order, &one));
     }
-    for (size_t k = 0; k < unit_variable_count; k++)
+    for (size_t k = 0; k < described->variable_count; k++)
         if (type_of(k) == STRING) {
             const fmi2ValueReference reference = (fmi2ValueReference)k;
             MISUSE(fmi2SetString(instance, &reference, 1, &text));
@@ -204,7 +214,8 @@ static void declined(void)
     fmi2Real real;
     fmi2Integer whole;
     fmi2String text;
-    const fmi2String unknown[] = {"logNothing"}, null[] = {NULL};
+    const fmi2String unknown[] = {"logNothing"};
+    const fmi2String null[] = {NULL};
     start(0.0);
     REFUSED(fmi2Error, fmi2CancelStep(instance));
     REFUSED(fmi2Discard, fmi2GetStatus(instance, fmi2DoStepStatus, &status));
@@ -218,7 +229,7 @@ static void declined(void)
     CHECK(real == 0.0 && whole == fmi2False);
     REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, NULL, 0, NULL, 0, NULL, NULL));
     REFUSED(fmi2Error, fmi2GetRealOutputDerivatives(instance, NULL, 0, NULL, NULL));
-    if (!unit_interpolates_inputs)
+    if (!described->interpolates_inputs)
         REFUSED(fmi2Error, fmi2SetRealInputDerivatives(instance, NULL, 0, NULL, NULL));
     REFUSED(fmi2Error, fmi2EnterEventMode(instance));
     REFUSED(fmi2Error, fmi2NewDiscreteStates(instance, NULL));
@@ -239,40 +250,43 @@ static void declined(void)
 
 static void log_what_is_wanted(void)
 {
-    const fmi2String errors[] = {"logStatusError"}, discards[] = {"logStatusDiscard"};
-    const unsigned before = line_count;
+    const fmi2String errors[] = {"logStatusError"};
+    const fmi2String discards[] = {"logStatusDiscard"};
+    const unsigned lines = line_count;
     fmi2Status status;
     WORKS(fmi2SetDebugLogging(instance, fmi2True, 1, discards));
-    CHECK(fmi2CancelStep(instance) == fmi2Error && line_count == before);
+    CHECK(fmi2CancelStep(instance) == fmi2Error && line_count == lines);
     REFUSED(fmi2Discard, fmi2GetStatus(instance, fmi2DoStepStatus, &status));
     WORKS(fmi2SetDebugLogging(instance, fmi2True, 1, errors));
-    CHECK(fmi2GetStatus(instance, fmi2DoStepStatus, &status) == fmi2Discard && line_count == before + 1);
+    CHECK(fmi2GetStatus(instance, fmi2DoStepStatus, &status) == fmi2Discard && line_count == lines + 1);
     REFUSED(fmi2Error, fmi2CancelStep(instance));
     WORKS(fmi2SetDebugLogging(instance, fmi2False, 0, NULL));
-    CHECK(fmi2CancelStep(instance) == fmi2Error && line_count == before + 2);
+    CHECK(fmi2CancelStep(instance) == fmi2Error && line_count == lines + 2);
     WORKS(fmi2SetDebugLogging(instance, fmi2True, 0, NULL));
 }
 
 /* Continues equally from a state in memory, from its bytes, and in another instance; damaged bytes are refused. */
 static void save_and_restore(void)
 {
-    fmi2FMUstate state = NULL, copy = NULL;
+    fmi2FMUstate state = NULL;
+    fmi2FMUstate copy = NULL;
     size_t size = 0;
     start(0.5);
     run(0.5, 0, STEPS / 2);
     WORKS(fmi2GetFMUstate(instance, &state));
     const double expected = run(0.5, STEPS / 2, STEPS);
     WORKS(fmi2SerializedFMUstateSize(instance, state, &size));
-    char *const bytes = malloc(size), *const again = malloc(size);
+    char *const bytes = malloc(size);
+    char *const again = malloc(size);
     CHECK(bytes != NULL && again != NULL);
     WORKS(fmi2SerializeFMUstate(instance, state, bytes, size));
     WORKS(fmi2SetFMUstate(instance, state));
     CHECK(run(0.5, STEPS / 2, STEPS) == expected);
-    WORKS(fmi2GetFMUstate(instance, &state));  /* into the same memory */
+    WORKS(fmi2GetFMUstate(instance, &state)); /* into the same memory */
     WORKS(fmi2Terminate(instance));
 
     const fmi2Component first = instance;
-    instance = fmi2Instantiate("second", fmi2CoSimulation, unit_guid, NULL, &callbacks, fmi2False, fmi2True);
+    instance = fmi2Instantiate("second", fmi2CoSimulation, UNIT_GUID, NULL, &callbacks, fmi2False, fmi2True);
     CHECK(instance != NULL);
     WORKS(fmi2DeSerializeFMUstate(instance, bytes, size, &copy));
     WORKS(fmi2SetFMUstate(instance, copy));
@@ -288,8 +302,8 @@ static void save_and_restore(void)
     REFUSED(fmi2Error, fmi2SerializeFMUstate(instance, copy, again, size - 1));
     char junk[64] = {0};
     REFUSED(fmi2Error, fmi2SetFMUstate(instance, junk));
-    REFUSED(fmi2Error, fmi2DoStep(instance, 0.0, unit_step_size, fmi2True));
-    WORKS(fmi2SetFMUstate(instance, copy));  /* the state was saved before all that failed */
+    REFUSED(fmi2Error, fmi2DoStep(instance, 0.0, described->step_size, fmi2True));
+    WORKS(fmi2SetFMUstate(instance, copy)); /* the state was saved before all that failed */
     CHECK(run(0.5, STEPS / 2, STEPS) == expected);
     WORKS(fmi2FreeFMUstate(instance, &copy));
     CHECK(copy == NULL);
@@ -308,11 +322,11 @@ int main(void)
     refuse_instances();
     refuse_null_components();
     CHECK(strcmp(fmi2GetVersion(), "2.0") == 0 && strcmp(fmi2GetTypesPlatform(), "default") == 0);
+    instance = fmi2Instantiate("one", fmi2CoSimulation, UNIT_GUID, "file:///", &callbacks, fmi2False, fmi2True);
+    describe(instance);
+    CHECK(block_count == 1);
     real_count = reals_of(LOCAL + 1, reals);
     input_count = reals_of(INPUT, inputs);
-
-    instance = fmi2Instantiate("one", fmi2CoSimulation, unit_guid, "file:///", &callbacks, fmi2False, fmi2True);
-    CHECK(instance != NULL && block_count == 1);
     start(0.0);
     const double expected = run(0.0, 0, STEPS);
     WORKS(fmi2Terminate(instance));
@@ -329,7 +343,7 @@ int main(void)
     CHECK(block_count == 0);
 
     const fmi2CallbackFunctions own_memory = {.logger = log_line};
-    instance = fmi2Instantiate("two", fmi2CoSimulation, unit_guid, NULL, &own_memory, fmi2False, fmi2False);
+    instance = fmi2Instantiate("two", fmi2CoSimulation, UNIT_GUID, NULL, &own_memory, fmi2False, fmi2False);
     CHECK(instance != NULL && block_count == 0);
     start(0.0);
     CHECK(run(0.0, 0, STEPS) == expected);

@@ -60,14 +60,16 @@ static size_t read_references(char *text, fmi2ValueReference *references)
 
 int main(int argc, char **argv)
 {
-    static fmi2ValueReference inputs[MOST], reals[MOST];
+    static fmi2ValueReference inputs[MOST];
+    static fmi2ValueReference reals[MOST];
     static double values[MOST];
     if (argc != 7)
         return 1;
     const fmi2CallbackFunctions callbacks = {.logger = log_line};
     const size_t steps = strtoul(argv[3], NULL, 10);
     const double step = strtod(argv[4], NULL);
-    const size_t input_count = read_references(argv[5], inputs), real_count = read_references(argv[6], reals);
+    const size_t input_count = read_references(argv[5], inputs);
+    const size_t real_count = read_references(argv[6], reals);
     fmi2InstantiateTYPE *instantiate;
     fmi2SetupExperimentTYPE *setup;
     fmi2EnterInitializationModeTYPE *enter;
@@ -77,10 +79,10 @@ int main(int argc, char **argv)
     fmi2DoStepTYPE *advance;
     fmi2FreeInstanceTYPE *release;
     /* through memory: ISO C has no conversion from object to function pointers */
-#define LOAD(function, name)                              \
-    do {                                                  \
-        void *const address = find(argv[1], name);        \
-        memcpy(&function, &address, sizeof address);      \
+#define LOAD(function, name)                                                                                           \
+    do {                                                                                                               \
+        void *const address = find(argv[1], name);                                                                     \
+        memcpy(&function, &address, sizeof address);                                                                   \
     } while (0)
     LOAD(instantiate, "fmi2Instantiate");
     LOAD(setup, "fmi2SetupExperiment");

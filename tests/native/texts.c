@@ -4,14 +4,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "text.h"
+#include "format_line.h"
 
 static void show(const char *format, ...)
 {
-    char line[TEXT_SIZE];
+    char line[256];
     va_list values;
     va_start(values, format);
-    compose(line, format, values);
+    format_line(line, sizeof line, format, values);
     va_end(values);
     puts(line);
 }
@@ -26,6 +26,6 @@ int main(int argc, char **argv)
         return 2;
     for (int k = 0; k < count; k++)
         show("%r %.6g %.1f", numbers[k], numbers[k], numbers[k]);
-    show("%q %d %z", "100 %s\n", -3, (size_t)7);
+    show("%q %d %zu", "100 %s\n", -3, (size_t)7);
     return 0;
 }

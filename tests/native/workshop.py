@@ -6,25 +6,47 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
+from xml.etree import ElementTree
 
+import fmpy
 import pytest
 
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
-from flexbeams.fmus.packaging.closed_loop import UNIT, ClosedLoop, Part, Wire, closed_loop_interface
-from flexbeams.fmus.packaging.design_data import unit_data
-from flexbeams.fmus.packaging.native import NativeUnit, build_native_units, unit_sources
-from flexbeams.fmus.units.shipped import UNITS, interface_of
+from flexbeams.fmus.packaging.closed_loop import ClosedLoop, closed_loop_unit
+from flexbeams.fmus.packaging.native import HEADERS, NativeUnit, build_native_units, compiled_file, unit_sources
+from flexbeams.fmus.units.beam_plant import BEAM_PLANT
+from flexbeams.fmus.units.catalogue import CATALOGUE
+from flexbeams.fmus.units.closed_loop import CLOSED_LOOP, LoopPart, LoopWire
+from flexbeams.fmus.units.flatness_feedforward import FLATNESS_FEEDFORWARD
+from flexbeams.fmus.units.native_kernel import NATIVE
+from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.structure import find_structure, read_structure
-from tests.helpers import design_of, extracted_once, made_once, session_folder
+from tests.helpers import UNITS, design_of, extracted_once, made_once, session_folder
 
 HARNESSES = Path(__file__).parent
+FUNCTIONS = sorted(
+    name
+    for name in {*dir(fmpy.fmi2.FMU2Slave), *dir(fmpy.fmi2.FMU2Model)}
+    if name.startswith("fmi2") and name[4].isupper()
+)  # of FMI 2.0
+UNIT = CLOSED_LOOP.name
 NATIVE_UNITS = (*UNITS, UNIT)
-STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+STRICT = (
+    "-std=c99",
+    "-ffp-contract=off",
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wundef",
+    "-Werror",
+)
+INCLUDES = tuple(f"-I{folder}" for folder in (NATIVE, NATIVE / "fmi", NATIVE / "numerics", NATIVE / "units", HEADERS))
 ZIG = (sys.executable, "-m", "ziglang", "cc")
-needs_zig = pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
+needs_zig = pytest.mark.native
 
 
 def needs(*tools: str) -> pytest.MarkDecorator:
@@ -42,44 +64,30 @@ def workspace() -> Path:
 
 
 def native_unit(unit: str, design: Design, out: Path) -> NativeUnit:
-    """A unit of a design, with the plant in the design's own basis."""
+    """A unit of a design without reference results, with the plant in the design's own basis."""
     if unit == UNIT:
         return closed_loop(design, out)
-    part = _part(unit, unit, design)
-    return NativeUnit(interface=part.interface, data=part.data, meta=part.meta, out=out)
+    kind = next(kind for kind in CATALOGUE if kind.name == unit)
+    interface, data = kind.contents(design, design.model())
+    return NativeUnit(kind=kind, interface=interface, data=data, out=out)
 
 
 def closed_loop(design: Design, out: Path) -> ClosedLoop:
     """All three units of a design in one, wired as in the scenario `tracking`."""
-    parts = tuple(
-        _part(name, unit, design)
-        for name, unit in (
-            ("feedforward", "FlatnessFeedforward"),
-            ("controller", "TrackingController"),
-            ("plant", "BeamPlant"),
-        )
-    )
+    kinds = {"feedforward": FLATNESS_FEEDFORWARD, "controller": TRACKING_CONTROLLER, "plant": BEAM_PLANT}
+    parts = []
+    for name, kind in kinds.items():
+        interface, data = kind.contents(design, design.model())
+        parts.append(LoopPart(name=name, kind=kind, interface=interface, data=data))
     wires = [
-        Wire(source=f"{owner}.{v.name}", to=f"{part.name}.{v.name}")
+        LoopWire(source=f"{owner}.{v.name}", to=f"{part.name}.{v.name}")
         for part in parts
         for owner, array in (("feedforward", "u_ff"), ("feedforward", "x_ref"), ("controller", "u"), ("plant", "y_pm"))
         for v in part.interface
         if v.causality == "input" and v.array == array
     ]
-    return ClosedLoop(
-        interface=closed_loop_interface(parts, wires, design.options.sample_time, 6.0, "Closed loop"),
-        parts=parts,
-        wires=tuple(wires),
-        coupling="jacobi",
-        out=out,
-    )
-
-
-def _part(name: str, unit: str, design: Design) -> Part:
-    model = design.model()
-    interface = interface_of(unit, design, model)
-    data, meta = unit_data(interface, design, model)
-    return Part(name=name, interface=interface, data=data, meta=meta)
+    step = design.options.sample_time
+    return closed_loop_unit(parts, wires, "jacobi", step=step, stop_time=6.0, description="Closed loop", out=out)
 
 
 @cache
@@ -107,7 +115,7 @@ def small_design() -> Design:
 
 @cache
 def source_folder(unit: str, small: bool = False) -> Path:
-    """The folder with a unit's C files, of the small or the usual design."""
+    """The folder with a unit's sources, of the small or the usual design."""
     design = small_design() if small else design_of()
     folder = workspace() / f"sources-{small}" / unit
     folder.mkdir(parents=True, exist_ok=True)
@@ -116,18 +124,24 @@ def source_folder(unit: str, small: bool = False) -> Path:
     return folder
 
 
-def source_files(unit: str, small: bool = False) -> list[Path]:
-    """The C files that are compiled, in the unit's folder."""
-    folder = source_folder(unit, small)
-    return [folder / name for name in native_unit(unit, small_design() if small else design_of(), folder).compiled()]
+def source_file(unit: str, small: bool = False) -> Path:
+    """The C file that is compiled, in the unit's folder."""
+    return source_folder(unit, small) / compiled_file(unit)
+
+
+@cache
+def guid_of(unit: str, small: bool = False) -> str:
+    """The GUID of the sources."""
+    design = small_design() if small else design_of()
+    return ElementTree.fromstring(unit_sources(native_unit(unit, design, Path()))[1]).get("guid") or ""
 
 
 def compiled(harness: str, unit: str, *command: str, small: bool = False, more: Sequence[str] = ()) -> Path:
     """A harness of this folder linked with a unit's sources by a compiler and its flags."""
-    sources = source_folder(unit, small)
     program = workspace() / f"{harness}-{unit}-{abs(hash((command, small)))}"
-    files = [*source_files(unit, small), HARNESSES / f"{harness}.c"]
-    run([*command, *STRICT, f"-I{sources}", *map(str, files), "-o", str(program), "-lm", *more])
+    files = [source_file(unit, small), HARNESSES / f"{harness}.c"]
+    names = [f'-DUNIT_GUID="{guid_of(unit, small)}"', "-DFMI2_OVERRIDE_FUNCTION_PREFIX"]
+    run([*command, *STRICT, *names, *INCLUDES, *map(str, files), "-o", str(program), "-lm", *more])
     return program
 
 

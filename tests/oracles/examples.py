@@ -102,3 +102,24 @@ def five_beams() -> Structure:
         point_of_interest=[point(3, beams[2].length), point(5, 0.4)],
         strain_gauge=[gauge(1, 0.104), gauge(2, 0.08), gauge(3, 0.1), gauge(5, 0.41)],
     )
+
+
+def uncoupled_beams() -> Structure:
+    """Three equal beams without springs: every singular value is threefold."""
+    return Structure(
+        beam=[beam(1)] * 3,
+        patch=[patch(1, k, 0.02) for k in (1, 2, 3)],
+        point_of_interest=[point(k, 0.39) for k in (1, 2, 3)],
+        strain_gauge=[gauge(k, z) for k in (1, 2, 3) for z in (0.06, 0.2)],
+    )
+
+
+def equal_beams() -> Structure:
+    """The layout of the paper with equal beams, springs and patch pairs: many nearly equal singular values."""
+    return Structure(
+        beam=[beam(1)] * 3,
+        patch=[patch(1, k, z) for k, z in ((1, 0.02), (2, 0.02), (2, 0.16), (3, 0.02))],
+        spring=[Spring(between=(k, k + 1), stiffness=6.0) for k in (1, 2)],
+        point_of_interest=[point(k, z) for k, z in ((1, 0.39), (2, 0.24), (2, 0.39), (3, 0.39))],
+        strain_gauge=[gauge(k, z) for k in (1, 2, 3) for z in (0.06, 0.2)],
+    )

@@ -168,7 +168,7 @@ def loop_matrices(design: Design, integral_gain: float) -> LoopMatrices:
         np.hstack([np.zeros((n_u, m + n_u)), -G @ a["D_pi"], np.zeros((n_u, n_pm)), G @ a["D_pi"], G @ a["H_pi"]])
         - G @ a["H_pi"] @ estimate
     )
-    return LoopMatrices(estimate=estimate, requested=wanted, growth=growth)
+    return LoopMatrices(estimate=estimate, wanted=wanted, growth=growth)
 
 
 def simulate(
@@ -209,7 +209,7 @@ def simulate(
         return results | plant_run(plant, start, voltage, voltage, forces)
     reference = feedforward(
         design,
-        changes=steps,
+        steps=steps,
         step=step,
         targets=targets,
         transition_time=transition_time,

@@ -10,8 +10,8 @@ import pytest
 
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
-from flexbeams.scenarios.importing.archives import CHUNK, Allowance
-from flexbeams.scenarios.importing.documents import read_document
+from flexbeams.scenarios.importing.archives import CHUNK, ExtractionBudget
+from flexbeams.scenarios.importing.xml_reading import read_document
 
 Pack = Callable[..., Path]
 
@@ -74,7 +74,7 @@ def test_a_hostile_package_is_refused_in_one_line_and_writes_nothing(
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
     monkeypatch.chdir(path.parent)
     with pytest.raises(InputError, match=message):
-        Allowance().check(path)
+        ExtractionBudget().check(path)
     assert main(["run", path.name]) == 2
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1
@@ -95,7 +95,7 @@ def test_what_is_no_archive_is_refused(content: bytes, tmp_path: Path, capsys: p
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_an_entry_that_comes_twice_is_refused(pack: Pack) -> None:
     with pytest.raises(InputError, match=r"must hold each entry once, got 'a\.txt'"):
-        Allowance().check(pack(("a.txt", b"1"), ("a.txt", b"2")))
+        ExtractionBudget().check(pack(("a.txt", b"1"), ("a.txt", b"2")))
 
 
 def test_encrypted_and_unknown_entries_are_refused(pack: Pack) -> None:
@@ -107,7 +107,7 @@ def test_encrypted_and_unknown_entries_are_refused(pack: Pack) -> None:
         changed[central + offset] = value
         path.write_bytes(changed)
         with pytest.raises(InputError, match=message):
-            Allowance().check(path)
+            ExtractionBudget().check(path)
 
 
 def test_sizes_that_an_archive_makes_up_do_not_get_through(pack: Pack, tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_sizes_that_an_archive_makes_up_do_not_get_through(pack: Pack, tmp_path:
         path.write_bytes(changed)
         folder = tmp_path / f"out{size}"
         with pytest.raises(InputError, match="cannot be extracted"):
-            Allowance().extract(path, folder)
+            ExtractionBudget().extract(path, folder)
         written = folder / "a.txt"
         assert not written.exists() or written.stat().st_size <= 2048
 
@@ -130,21 +130,21 @@ def test_a_damaged_entry_is_refused(pack: Pack, tmp_path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content.replace(b"0123456789", b"0123456780", 1))
     with pytest.raises(InputError, match=r"cannot be extracted: Bad CRC-32 for file 'a\.txt'"):
-        Allowance().extract(path, tmp_path / "out")
+        ExtractionBudget().extract(path, tmp_path / "out")
 
 
 def test_archives_inside_one_another_share_an_allowance(pack: Pack, tmp_path: Path) -> None:
     inner = pack(("data", bytes(range(256)) * 400), name="inner.fmu", method=0)
     outer = pack(("inner.fmu", inner.read_bytes()), name="outer.ssp", method=0)
-    allowance = Allowance(size=150_000)
-    allowance.extract(outer, tmp_path / "outer")
+    budget = ExtractionBudget(size=150_000)
+    budget.extract(outer, tmp_path / "outer")
     with pytest.raises(InputError, match=r"must be at most \d+ bytes when extracted, got 102400"):
-        allowance.extract(inner, tmp_path / "inner")
+        budget.extract(inner, tmp_path / "inner")
     assert not (tmp_path / "inner").exists()
-    allowance = Allowance(entries=1)
-    allowance.extract(outer, tmp_path / "again")
+    budget = ExtractionBudget(entries=1)
+    budget.extract(outer, tmp_path / "again")
     with pytest.raises(InputError, match="must hold at most 0 entries, got 1"):
-        allowance.extract(inner, tmp_path / "inner")
+        budget.extract(inner, tmp_path / "inner")
 
 
 def test_a_sound_archive_is_extracted_as_it_is(pack: Pack, tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_a_sound_archive_is_extracted_as_it_is(pack: Pack, tmp_path: Path) -> No
         "zeros": bytes(CHUNK),
     }
     path = pack((entry("binaries/", stat.S_IFDIR | 0o755), b""), *contents.items())
-    folder = Allowance().extract(path, tmp_path / "out")
+    folder = ExtractionBudget().extract(path, tmp_path / "out")
     assert {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()} == contents
 
 
@@ -204,4 +204,4 @@ def test_a_name_with_a_nul_byte_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "nul.zip"
     path.write_bytes(buffer.getvalue().replace(b"good.txt_evil", b"good.txt\0evil"))
     with pytest.raises(InputError, match="must hold entries with paths inside it"):
-        Allowance().check(path)
+        ExtractionBudget().check(path)

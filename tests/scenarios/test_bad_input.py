@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbeams.fmus.packaging.python import build_python_unit
+from flexbeams.fmus.packaging.python import build_python_units
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import LOOP_WIRES, Workshop
 from tests.units import lag_interface as lag
@@ -470,6 +470,7 @@ OPTIONS = {
 
 
 @pytest.mark.parametrize("case", OPTIONS)
+@pytest.mark.native
 def test_option_with(case: str, refused: Refused, write_scenario: Write, capsys: pytest.CaptureFixture[str]) -> None:
     options, complaint = OPTIONS[case]
     path = write_scenario("s", LOOP)
@@ -603,7 +604,7 @@ def test_units_of_two_structures(refused: Refused, write_scenario: Write, worksh
 def lag_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The test unit, which fails when u[3] is large."""
     unit = lag.lag_unit(tmp_path_factory.mktemp("lag") / "lag.fmu")
-    return build_python_unit(unit.interface, unit.data, unit.meta, unit.kernel_file, unit.out)
+    return build_python_units([unit])[0]
 
 
 @pytest.mark.parametrize(

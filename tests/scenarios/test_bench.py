@@ -15,7 +15,8 @@ from flexbeams.scenarios.bench.workbench import Workbench
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import design_of
 
-pytest.importorskip("ziglang")
+pytestmark = pytest.mark.native
+
 STEPS = 6_000  # past the start of the transition at 1 s
 
 

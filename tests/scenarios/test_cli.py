@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexbeams.fmus.units.shipped import UNITS
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.schema import first_comment, scenario_files
 from flexbeams.scenarios.results.files import read_results
-from tests.helpers import Workshop, command, design_of
+from tests.helpers import UNITS, Workshop, command, design_of
 
 Write = Callable[[str, str], Path]
 VERBS = ("design", "build", "run", "list", "validate")
@@ -169,6 +168,7 @@ def test_build_of_single_units(tmp_path: Path, workshop: Workshop, capsys: pytes
         assert file.read_bytes() == workshop.fmu(file.stem).read_bytes()
 
 
+@pytest.mark.native
 def test_build_of_all_for_another_structure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = output(
         capsys, "build", "--backend", "all", "--structure", "single_beam", "--basis", "segment", "--out", tmp_path
@@ -205,6 +205,7 @@ def test_validate_tells_what_is_wrong(tmp_path: Path, workshop: Workshop, capsys
 # run
 
 
+@pytest.mark.native
 def test_run_writes_where_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -217,6 +218,7 @@ def test_run_writes_where_it_says(
     assert json.loads((tmp_path / "results/mine/summary.json").read_text())["scenario"] == "mine"
 
 
+@pytest.mark.native
 def test_run_leaves_units_that_are_built_alone(
     at_run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -227,6 +229,7 @@ def test_run_leaves_units_that_are_built_alone(
     assert "building" not in capsys.readouterr().err
 
 
+@pytest.mark.native
 def test_exit_status_of_the_process(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     """0, 1 and 2, results on stdout, complaints on stderr."""
     text = scenario_files()["single_beam"].read_text()
@@ -247,6 +250,7 @@ def test_exit_status_of_the_process(at_run_folder: Path, tmp_path: Path, write_s
 @pytest.mark.parametrize(
     "arguments", [["design"], ["run", "single_beam", "--stop-time", "0.01", "--no-figures", "--no-report"]]
 )
+@pytest.mark.native
 def test_terminal_that_knows_ascii_only(
     arguments: list[str], at_run_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

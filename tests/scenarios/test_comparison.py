@@ -10,9 +10,12 @@ import pytest
 
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
-from flexbeams.scenarios.report.comparison import check_table, compare, metric_table, write_comparison
+from flexbeams.scenarios.report.comparison import write_comparison
+from flexbeams.scenarios.results.compare import check_table, compare, metric_table
 from flexbeams.scenarios.results.files import read_results, write_results
 from flexbeams.scenarios.runs.scenario import Settings, run_scenario, write_run
+
+pytestmark = pytest.mark.native
 
 
 @pytest.fixture(scope="module")

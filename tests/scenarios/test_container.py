@@ -31,6 +31,8 @@ from flexbeams.scenarios.simulation.recording import Recording
 from tests.helpers import ALLOCATOR_NOISE, CYCLES, PUSHED_SCENARIO, Export, exported_once, resident
 from tests.units.loaded import pushed_in_turn
 
+pytestmark = pytest.mark.native
+
 STEP = 2e-4
 STOPS = {"tracking": 1.3, "disturbance": 1.1, "retarget": 1.7}  # s: into the motions
 COUPLINGS = ("jacobi", "gauss-seidel")

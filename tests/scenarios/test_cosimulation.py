@@ -19,6 +19,8 @@ from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.oracles.gevrey import taylor_coefficients_at
 from tests.oracles.monolithic import Coupling, Real, largest_difference, simulate
 
+pytestmark = pytest.mark.native
+
 Write = Callable[[str, str], Path]
 SAMPLE = 2e-4
 TARGET = (-8e-3, 1e-3, 4e-3, -6e-3)

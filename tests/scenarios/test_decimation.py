@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexbeams.scenarios.report.decimation import decimated, kept_rows
+from flexbeams.scenarios.report.decimation import decimated, plotted_rows
 
 
 def noise(rows: int, curves: int) -> np.ndarray:
@@ -11,13 +11,13 @@ def noise(rows: int, curves: int) -> np.ndarray:
 
 
 def test_short_curves_keep_every_row():
-    assert kept_rows(noise(100, 3), 100).tolist() == list(range(100))
+    assert plotted_rows(noise(100, 3), 100).tolist() == list(range(100))
 
 
 @pytest.mark.parametrize("rows", [1001, 20_000, 99_991])
 @pytest.mark.parametrize("curves", [1, 4])
 def test_limit_holds_and_the_ends_stay(rows, curves):
-    kept = kept_rows(noise(rows, curves), 1000)
+    kept = plotted_rows(noise(rows, curves), 1000)
     assert len(kept) <= 1000
     assert kept[0] == 0
     assert kept[-1] == rows - 1
@@ -29,7 +29,7 @@ def test_limit_holds_and_the_ends_stay(rows, curves):
 def test_a_peak_of_one_row_stays_in_any_of_the_curves(row, peak):
     values = noise(50_000, 3)
     values[row, 2] = peak
-    assert row in kept_rows(values, 800)
+    assert row in plotted_rows(values, 800)
 
 
 def test_every_stretch_keeps_the_extremes_of_a_smooth_curve():
@@ -49,9 +49,9 @@ def test_missing_values_hide_no_extreme():
     values[:15_000, 0] = np.nan
     values[20_000, 0] = 30.0
     values[4_000, 1] = -30.0
-    kept = kept_rows(values, 500)
+    kept = plotted_rows(values, 500)
     assert {20_000, 4_000} <= set(kept.tolist())
 
 
 def test_rows_with_nothing_but_missing_values_are_no_obstacle():
-    assert len(kept_rows(np.full((5_000, 2), np.nan), 100)) <= 100
+    assert len(plotted_rows(np.full((5_000, 2), np.nan), 100)) <= 100

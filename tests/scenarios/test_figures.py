@@ -13,7 +13,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Figure, Scenario, find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report.decimation import decimated
-from flexbeams.scenarios.report.figure_plots import PLOTTED, figure_plot, figure_plots
+from flexbeams.scenarios.report.figure_plots import MAX_POINTS, figure_plot, figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.report.figures import draw, write_figures
 from flexbeams.scenarios.results.curves import figure_curve
@@ -134,8 +134,8 @@ def test_long_curves_keep_their_peaks() -> None:
     time = np.arange(300_001) * 2e-4
     y = np.sin(time) * 0.1
     y[[17, 123_456, 299_999]] = (5.0, -7.0, 3.0)
-    t, kept = decimated(time, y, PLOTTED)
-    assert len(t) < 1.1 * PLOTTED
+    t, kept = decimated(time, y, MAX_POINTS)
+    assert len(t) < 1.1 * MAX_POINTS
     assert {5.0, -7.0, 3.0} <= set(kept)
     assert (t[0], t[-1]) == (time[0], time[-1])
     assert np.all(np.diff(t) > 0)
@@ -157,7 +157,7 @@ def test_figure_beyond_the_run_is_empty_but_there(tmp_path: Path) -> None:
 
 def test_points_choose_elements() -> None:
     curve = figure_curve("plant.y_pi", recording(), None, [3, 1, 9], "figure[1]")
-    assert [recording().columns[p] for p in curve.places] == ["plant.y_pi[3]", "plant.y_pi[1]"]
+    assert [recording().columns[p] for p in curve.columns] == ["plant.y_pi[3]", "plant.y_pi[1]"]
 
 
 def test_drawn_beside_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,15 +166,15 @@ def test_drawn_beside_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     first, second, third = (tmp_path / name for name in ("first", "second", "third"))
     files = write_figures(figure_plots(scenario(figure), recording(), first))
     with FigureProcess() as beside:
-        beside.begin(figure_plots(scenario(figure), recording(), second))
+        beside.start(figure_plots(scenario(figure), recording(), second))
         with monkeypatch.context() as patch:  # the caller draws nothing here
             patch.delattr("flexbeams.scenarios.report.figures.write_figures")
-            beside.finish()
+            beside.wait()
     with FigureProcess() as lost:
         lost._process.kill()
         lost._process.wait()
-        lost.begin(figure_plots(scenario(figure), recording(), third))
-        lost.finish()
+        lost.start(figure_plots(scenario(figure), recording(), third))
+        lost.wait()
     for file in files:
         assert file.read_bytes() == (second / file.name).read_bytes() == (third / file.name).read_bytes()
 
@@ -183,12 +183,13 @@ def test_figure_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     plots = figure_plots(scenario(Figure(file="a", rows=[["plant.u"]])), recording(), tmp_path / "file" / "folder")
     with FigureProcess() as beside:
-        beside.begin(plots)
+        beside.start(plots)
         with pytest.raises(InputError, match="cannot be written: Not a directory"):
-            beside.finish()
+            beside.wait()
 
 
 @pytest.mark.parametrize("name", ["step_response", "tracking", "disturbance", "five_beams"])
+@pytest.mark.native
 def test_shipped_figures(at_run_folder: Path, tmp_path: Path, name: str) -> None:
     """Each figure of the paper is drawn from a short run, by the names that the scenario fixes."""
     run = run_scenario(

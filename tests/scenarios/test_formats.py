@@ -94,7 +94,7 @@ def test_matlab_names_are_valid_and_different() -> None:
 def test_arrays_beyond_a_mat_file_are_refused(
     tmp_path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(formats, "_LARGEST", 2 * 7 * 8 - 1)
+    monkeypatch.setattr(formats, "_MAX_ARRAY_BYTES", 2 * 7 * 8 - 1)
     with pytest.raises(InputError, match=r"results.mat: must have arrays of less than 2 GiB .*--decimate"):
         write_mat(tmp_path / "results.mat", recording, SUMMARY)
     assert not list(tmp_path.iterdir())

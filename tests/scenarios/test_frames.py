@@ -8,6 +8,8 @@ from flexbeams.plant.galerkin import STATIONS
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario
 from flexbeams.scenarios.simulation.frames import MAX_FRAMES, MAX_RATE, frame_interval
 
+pytestmark = pytest.mark.native
+
 
 @pytest.fixture(scope="module")
 def tracking(run_folder) -> Run:

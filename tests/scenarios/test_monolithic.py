@@ -17,6 +17,8 @@ from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.examples import five_beams, single_beam
 from tests.oracles.monolithic import Coupling, feedforward, largest_difference, plant_matrices, simulate
 
+pytestmark = pytest.mark.native
+
 STRUCTURES = {"kiel": read_structure(find_structure("kiel")), "single": single_beam(), "five": five_beams()}
 SAMPLE = 2e-4
 TARGET = (-8e-3, 1e-3, 4e-3, -6e-3)

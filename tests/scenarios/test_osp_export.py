@@ -18,8 +18,7 @@ from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import deviation
 from flexbeams.scenarios.runs.scenario import run_scenario
 
-pytest.importorskip("ziglang")
-pytestmark = pytest.mark.usefixtures("known_designs")
+pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
 STOP, STEP = 1.2, 2e-4  # s
 NS = {"o": OSP_STRUCTURE}
 VALUES = {"plant.noise_seed": 5.0, "plant.strain_noise_std": 1e-8}
@@ -35,6 +34,7 @@ def osp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
+@pytest.mark.masters
 def test_libcosim_runs_it_as_the_runner_runs_the_scenario(osp: Path, run_folder: Path) -> None:
     pytest.importorskip("libcosimpy")
     structure = osp / "OspSystemStructure.xml"
@@ -116,4 +116,4 @@ def test_folder_and_archive_hold_the_same(
     assert main([*arguments, str(taken)]) == 2
     assert "--out must be a folder, or FILE.zip, got" in capsys.readouterr().err
     assert main(["export", "tracking", "-o", str(tmp_path)]) == 2
-    assert "must be a file, or not be there yet" in capsys.readouterr().err
+    assert "must be a regular file or a new path" in capsys.readouterr().err

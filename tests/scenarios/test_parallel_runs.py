@@ -21,6 +21,8 @@ from flexbeams.scenarios.runs.progress import Display
 from flexbeams.scenarios.runs.scenario import Settings
 from tests.helpers import python_environment
 
+pytestmark = pytest.mark.native
+
 Write = Callable[[str, str], Path]
 
 PLANT = """title = "voltage on one beam"

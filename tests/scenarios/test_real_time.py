@@ -9,6 +9,8 @@ from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.runs.scenario import lateness_figures, run_scenario
 
+pytestmark = pytest.mark.native
+
 
 def test_a_paced_run_is_late_by_no_less_than_nothing(run_folder: Path) -> None:
     settings = Settings(stop_time=0.4, real_time_factor=2.0, build_folder=run_folder / "fmus", record_animation=False)

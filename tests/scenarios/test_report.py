@@ -14,6 +14,8 @@ from flexbeams.scenarios.report.report import report_html
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
 from flexbeams.scenarios.simulation.recording import Recording
 
+pytestmark = pytest.mark.native
+
 
 @pytest.fixture(scope="module")
 def settings(run_folder) -> Settings:
@@ -132,7 +134,7 @@ def test_panels_hold_rows_of_the_recording(page, tracking):
     np.testing.assert_array_equal(floats(first["curves"][1]["values"]), column[rows].astype("f4"))
     for panel in (p for g in groups for p in g["panels"]):
         time = floats(panel["time"])
-        assert 2 <= len(time) <= panels.LIMIT
+        assert 2 <= len(time) <= panels.MAX_ROWS
         assert np.all(np.diff(time) > 0)
         assert all(len(floats(c["values"])) == len(time) for c in panel["curves"])
 
@@ -176,9 +178,9 @@ def test_animation_holds_shapes_voltages_and_reference(page, tracking):
         return np.frombuffer(base64.b64decode(packed["levels"]), "<i2") * packed["scale"]
 
     assert moving["interval"] * (moving["frames"] - 1) == pytest.approx(6.0)
-    for key, values in (("shapes", frames.shapes), ("voltages", frames.voltages)):
+    for key, values in (("shapes", frames.deflections), ("voltages", frames.voltages)):
         np.testing.assert_allclose(levels(moving[key]), values.ravel(), atol=np.abs(values).max() / 60_000)
-    assert len(levels(moving["ghost"])) == frames.shapes.size
+    assert len(levels(moving["ghost"])) == frames.deflections.size
     assert [len(moving[k]) for k in ("beams", "patches", "springs", "points")] == [3, 4, 2, 4]
 
 

@@ -7,13 +7,18 @@ from typing import Any
 
 import pytest
 
-from flexbeams.scenarios.report.comparison import compare, write_comparison
+from flexbeams.scenarios.report.comparison import write_comparison
+from flexbeams.scenarios.results.compare import compare
 from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+pytestmark = [
+    pytest.mark.native,
+    pytest.mark.browser,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed"),
+]
 
 
 @pytest.fixture(scope="module")

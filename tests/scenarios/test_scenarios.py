@@ -17,7 +17,7 @@ from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.scenario import Run, run_scenario
 from tests.helpers import STRUCTURES, design_of
 
-pytestmark = pytest.mark.usefixtures("known_designs")
+pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
 
 Write = Callable[[str, str], Path]
 NAMES = (

@@ -247,3 +247,64 @@ def test_signals_faster_than_the_steps_are_refused(drive: dict[str, Any], compla
     with pytest.raises(InputError, match=complaint):
         require_sampled(drive_, STEP)
     require_sampled(drive_, STEP / 2)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("time,u[4],u[3],u[2],u[1]", None),
+        ("time,plant.u[4],plant.u[3],plant.u[2],plant.u[1]", None),
+        ("u[4],u[3],time,u[2],u[1]", None),
+        ("time,u[4],u[3],u[2],u[1]", ["u"]),
+        ("time,u[12],u[11],u[3],u[2]", ["u"]),
+    ],
+)
+def test_elements_follow_their_index(tmp_path: Path, header: str, columns: list[str] | None) -> None:
+    """Not the order of the file's columns."""
+    names = header.split(",")
+    largest = next(name for name in names if name != "time")
+    cells = ["4" if name == largest else "0" for name in names]
+    (tmp_path / "t.csv").write_text(f"{header}\n{','.join(cells)}\n")
+    table = {"file": "t.csv"} | ({"columns": columns} if columns else {})
+    np.testing.assert_array_equal(signal(tmp_path, table=table).sample(np.zeros(1)), [[0, 0, 0, 4]])
+
+
+def test_columns_with_other_names_go_by_order(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,b,a\n0,1,2\n")
+    np.testing.assert_array_equal(signal(tmp_path, table={"file": "t.csv"}).sample(np.zeros(1)), [[1, 2]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,u[1],u[2],w\n0,1,2,3\n", "table.columns must choose columns: some of the file .* not, got 'w'"),
+        ("time,u[1],u[3]\n0,1,2\n", r"table.columns must have one column for each element of plant.u, got 'u\[1\], u"),
+        ("Time,u,t\n0,1,2\n", "row 1 must name one column time, got 'Time, t'"),
+        ("time,u\n0,1_000\n", "row 2, column 'u' must be a finite number, got '1_000'"),
+        ("time,u\n0,\u0663\n", "row 2, column 'u' must be a finite number"),
+    ],
+)
+def test_ambiguous_tables_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "t.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        signal(tmp_path, table={"file": "t.csv"})
+
+
+@pytest.mark.parametrize(("step", "start"), [(2.5e-3, 0.01), (5e-3, 0.01), (1e-3, 0.0102), (0.05, 0.0)])
+def test_pulses_that_samples_would_lose_are_refused(tmp_path: Path, step: float, start: float) -> None:
+    """5 ms by 2.5 ms steps keep 79 % of the impulse, 0.5 ms between two samples nothing."""
+    duration = 5e-4 if step == 1e-3 else 5e-3
+    pulse = {"time": start, "duration": duration, "impulse": 1e-3}
+    drive = validate(Input, {"to": "plant.force", "pulse": pulse}, "test.toml")
+    with pytest.raises(InputError, match=r"pulse.duration must be at least 8 steps of .* % of the impulse, got"):
+        require_sampled(drive, step)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.01, 0.01013, 0.0104])
+def test_pulses_keep_their_impulse_where_they_are_accepted(tmp_path: Path, start: float) -> None:
+    pulse = {"time": start, "duration": 5e-3, "impulse": 1e-3}
+    drive = validate(Input, {"to": "plant.force", "pulse": pulse}, "test.toml")
+    for step in (2e-4, 5e-4, 1e-3):
+        require_sampled(drive, step)
+        total = step * signal(tmp_path, pulse=pulse).sample(step * np.arange(100)).sum()
+        assert total == pytest.approx(1e-3, rel=0.05)

@@ -25,6 +25,8 @@ from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
 from tests.helpers import Export, exported_once
 
+pytestmark = pytest.mark.native
+
 STEP = 2e-4
 STOPS = {"tracking": 1.2, "disturbance": 1.1, "retarget": 1.7}  # s: into the motions
 SCENARIOS = (*STOPS, "high_fidelity", "step_response", "single_beam", "five_beams")

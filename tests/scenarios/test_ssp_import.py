@@ -25,6 +25,8 @@ from tests.helpers import ALLOCATOR_NOISE, CYCLES, PUSHED_SCENARIO, resident
 from tests.units.lag_interface import a, b, gain, lag_unit, x_start
 from tests.units.loaded import pushed_in_turn
 
+pytestmark = pytest.mark.native
+
 STEP = 2e-4
 
 
@@ -78,13 +80,16 @@ NESTED = (
 )
 REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
     "unknown element": (
-        [("<ssd:SystemGeometry", "<ssd:Surprise/><ssd:SystemGeometry")],
+        [("</ssd:Elements>", "</ssd:Elements><ssd:Surprise/>")],
         r"must be valid by the schema of SSP 1\.0: line \d+: Element 'Surprise': This element is not",
     ),
     "unknown attribute": ([('kind="input"', 'kind="input" colour="red"')], "The attribute 'colour' is not allowed"),
     "unknown kind": ([('kind="input"', 'kind="sideways"')], "The value 'sideways' is not an element of the set"),
-    "version": ([('version="1.0" name', 'version="2.0" name')], r"must be of SSP 1\.0, its version, got '2\.0'"),
-    "next version": ([('version="1.0" name', 'version="1.1" name')], r"must be of SSP 1\.0, its version, got '1\.1'"),
+    "version": (
+        [('version="1.0" name', 'version="3.0" name')],
+        r"must be of SSP 1\.0 or 2\.0, its version, got '3\.0'",
+    ),
+    "next version": ([('version="1.0" name', 'version="1.1" name')], r"of SSP 1\.0 or 2\.0, its version, got '1\.1'"),
     "not XML": ([("</ssd:System>", "")], "is not well-formed XML"),
     "nested system": ([("</ssd:Elements>", NESTED)], "nested systems are not supported, got 'inner'"),
     "dictionary": (
@@ -155,7 +160,7 @@ REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
             (r'startConnector="y_pm\[1\]"', 'startConnector="y_pn"'),
             (r'name="y_pm\[1\]" kind="output"', 'name="y_pn" kind="output"'),
         ],
-        "plant.y_pn is no variable of its FMU; did you mean 'y_p",
+        "plant.y_pn is not a variable of its FMU; did you mean 'y_p",
     ),
     "other causality": (
         [(FIRST, ""), (r'name="y_target\[1\]" kind="input"', 'name="y_target[1]" kind="output"')],
@@ -242,7 +247,7 @@ def test_a_set_s_values_must_fit_their_variables(shop: Shop) -> None:
     ):
         with pytest.raises(InputError, match=message):
             run_package(shop.changed("values", (name, r"\1" + value), where=place), shop.settings)
-    with pytest.raises(InputError, match=r"plant\.beam\[9\]\.tip_mass is no variable of its FMU"):
+    with pytest.raises(InputError, match=r"plant\.beam\[9\]\.tip_mass is not a variable of its FMU"):
         run_package(shop.changed("values", (r"beam\[1\]\.tip_mass", "beam[9].tip_mass"), where=place), shop.settings)
 
 
@@ -288,6 +293,21 @@ def test_parameter_sets_are_applied(shop: Shop) -> None:
         end(shop.changed("lost", ("<ssd:Elements>", inline("plan.beam[1].tip_mass") + "<ssd:Elements>")))
 
 
+def test_ssp_2(shop: Shop, tmp_path: Path) -> None:
+    """A package of SSP 2.0 has the namespaces of 1.0 and another version in each document; it runs like that of 1.0."""
+    package = export_ssp(str(shop.scenario), tmp_path / "two.ssp", shop.settings, ssp_version="2.0")
+    with zipfile.ZipFile(package) as archive:
+        entries = {n: archive.read(n) for n in archive.namelist()}
+    assert entries.keys() == shop.entries.keys()
+    changed = {n for n in entries if entries[n] != shop.entries[n]}
+    assert changed == {n for n in entries if n.endswith((".ssd", ".ssv"))}
+    for name in changed:
+        assert entries[name] == shop.entries[name].replace(b'version="1.0" name', b'version="2.0" name')
+    assert package_problems(package) == []
+    runs = [run_package(path, shop.settings).recording for path in (shop.package, package)]
+    np.testing.assert_array_equal(runs[0].values, runs[1].values)
+
+
 def test_the_step_comes_from_an_annotation_the_units_or_the_command_line(shop: Shop) -> None:
     own, osp, oms = ("<flexbeams:Run [^>]*/>", "<osp:FixedStepAlgorithm [^>]*/>", "<oms:FixedStepMaster [^>]*/>")
     half = shop.changed("half", (own, '<flexbeams:Run stepSize="1e-4"/>'))
@@ -296,7 +316,10 @@ def test_the_step_comes_from_an_annotation_the_units_or_the_command_line(shop: S
     assert run_package(half, shop.settings).recording.steps == 1000
     half = shop.changed("half", (own, ""), (osp, ""), (oms, '<oms:FixedStepMaster stepSize="1e-4"/>'))
     assert run_package(half, shop.settings).recording.steps == 1000
-    silent = shop.changed("silent", (own, ""), (osp, ""), (oms, ""))
+    attribute = 'fixedStepSize="[^"]*"'
+    half = shop.changed("half", (own, ""), (osp, ""), (oms, ""), (attribute, 'fixedStepSize="1e-4"'))
+    assert run_package(half, shop.settings).recording.steps == 1000
+    silent = shop.changed("silent", (own, ""), (osp, ""), (oms, ""), (attribute, ""))
     assert run_package(silent, shop.settings).recording.steps == 500
     assert main(["run", str(silent), "--step", "5e-4", "--out", str(shop.folder / "out")]) == 0
     assert np.diff(read_results(shop.folder / "out/results.csv").time) == pytest.approx(np.full(200, 5e-4))

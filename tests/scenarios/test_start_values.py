@@ -11,6 +11,8 @@ from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results.files import read_results
 
+pytestmark = pytest.mark.native
+
 PLANT = """title = "at rest"
 structure = "kiel"
 stop_time = 0.02

@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flexbeams.fmus.interface.variables import Interface, Variable, array, matrix, time_variable
+from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array, matrix
 from flexbeams.fmus.packaging.python import PythonUnit
+from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.native_kernel import UnitData
 
+KERNEL = Path(__file__).with_name("lag.py")
 step_size = 1e-3
 gain = (1.0, 0.1 + 0.2)
 x_start = (0.1, -1e-300)
@@ -23,7 +27,7 @@ def lag_interface() -> Interface:
         step_size=step_size,
         stop_time=1.0,
         variables=(
-            time_variable,
+            TIME,
             *array("u", 3, causality="input", start=0.0, unit="V", minimum=-1.0, maximum=1.0, nominal=100.0),
             *array("y", 2, causality="output", unit="m", initial_inputs=("u",), description="Deflection"),
             *array("gain", 2, causality="parameter", start=gain, minimum=0.0, maximum=10.0, unit="1"),
@@ -40,11 +44,15 @@ def lag_interface() -> Interface:
     )
 
 
+def lag_kind(kernel: Path = KERNEL) -> UnitKind:
+    """The kind of unit with a kernel in this file."""
+    return UnitKind(name="LagUnit", chapter=Chapter(equations="", timing=""), python=kernel)
+
+
 def lag_unit(out: Path, scale: float = 2.0) -> PythonUnit:
     return PythonUnit(
+        kind=lag_kind(),
         interface=lag_interface(),
-        data={"a": a, "b": b},
-        meta={"scale": scale},
-        kernel_file=Path(__file__).with_name("lag.py"),
+        data=UnitData(arrays={"a": a, "b": b}, meta={"scale": scale}),
         out=out,
     )

@@ -11,75 +11,75 @@
 #define EXPORTED __attribute__((visibility("default")))
 #endif
 
-typedef int (*get_reals)(void *component, const unsigned int *references, size_t n, double *values);
-typedef int (*set_reals)(void *component, const unsigned int *references, size_t n, const double *values);
-typedef int (*get_integers)(void *component, const unsigned int *references, size_t n, int *values);
-typedef int (*do_step)(void *component, double time, double step, int no_restore);
+typedef int (*GetReals)(void *component, const unsigned int *references, size_t n, double *values);
+typedef int (*SetReals)(void *component, const unsigned int *references, size_t n, const double *values);
+typedef int (*GetIntegers)(void *component, const unsigned int *references, size_t n, int *values);
+typedef int (*DoStep)(void *component, double time, double step, int no_restore);
 
-/* Signals that lie one behind the other. */
+/* Consecutive signals. */
 typedef struct {
     int64_t first;
     int64_t count;
-} span;
+} SignalSpan;
 
-/* One instance: its functions, and where its variables stand among the signals. */
+/* One instance of a unit: its functions, and which signals its variables are. */
 typedef struct {
     void *component;
-    get_reals get_real;
-    set_reals set_real;
-    get_integers get_integer;
-    get_integers get_boolean;
-    do_step do_step;
-    const unsigned int *written;     /* value references of the inputs */
+    GetReals get_real;
+    SetReals set_real;
+    GetIntegers get_integer;
+    GetIntegers get_boolean;
+    DoStep do_step;
+    const unsigned int *written; /* value references of the inputs */
     size_t n_written;
-    const span *sources;             /* signals of the inputs, in their order */
+    const SignalSpan *sources; /* signals of the inputs, in their order */
     size_t n_sources;
-    double *inputs;                  /* scratch, one value an input */
-    const unsigned int *read;        /* value references of the Real outputs */
+    double *inputs;           /* scratch, one value an input */
+    const unsigned int *read; /* value references of the Real outputs */
     size_t n_read;
-    const unsigned int *integers;    /* of the Integer outputs */
+    const unsigned int *integers; /* of the Integer outputs */
     size_t n_integers;
-    const unsigned int *booleans;    /* of the Boolean outputs */
+    const unsigned int *booleans; /* of the Boolean outputs */
     size_t n_booleans;
-    int *scratch;                    /* one value an Integer or Boolean output */
-    int64_t first_output;            /* first signal: Real outputs, then Integer, then Boolean ones */
-} instance;
+    int *scratch;         /* one value an Integer or Boolean output */
+    int64_t first_output; /* first signal: Real outputs, then Integer, then Boolean ones */
+} SteppedUnit;
 
 /* A run: signals are all outputs by instance, then the external ones. */
 typedef struct {
-    instance *instances;
-    size_t n_instances;
-    int gauss_seidel;                /* 0: Jacobi, all instances read the values of t_k */
-    double step;                     /* s */
+    SteppedUnit *units;
+    size_t n_units;
+    int gauss_seidel; /* 0: Jacobi, all instances read the values of t_k */
+    double step;      /* s */
     double *signals;
     size_t n_signals;
     int64_t first_external;
-    const span *recorded;            /* signals of a row, in their order */
+    const SignalSpan *recorded; /* signals of a row, in their order */
     size_t n_spans;
-    size_t n_recorded;               /* values of a row */
+    size_t n_recorded; /* values of a row */
     /* how a run ended */
-    int64_t failed_instance;
-    int failed_function;             /* 0 set, 1 step, 2 get */
+    int64_t failed_unit;
+    int failed_function; /* 0 set, 1 step, 2 get */
     int failed_status;
-} run;
+} CoupledRun;
 
 /* Lateness of a paced run in s, one entry a step; NULL runs at full speed. Times are of the monotonic clock. */
 typedef struct {
-    double started;                  /* when step 0 was due */
-    double seconds_per_step;         /* of wall clock */
+    double started;          /* when step 0 was due */
+    double seconds_per_step; /* of wall clock */
     double *lateness;
-} pace;
+} Pace;
 
 /* Steps `count` times from step number `first`, each with its row of `external` (count, n_signals - first_external).
  * Before each step the recorded signals go to row ceil(number / every) of `rows`: rows hold every `every`-th step,
  * and the last one holds the newest values until then. Returns the steps done. */
-EXPORTED size_t run_block(run *r, int64_t first, size_t count, const double *external, int64_t every, double *rows,
-                          const pace *paced);
+EXPORTED size_t run_block(CoupledRun *run, int64_t first, size_t count, const double *external, int64_t every,
+                          double *rows, const Pace *pace);
 
 /* Steps as run_block does, with nothing recorded, and notes how long each step took, seconds (count,). */
-EXPORTED size_t time_block(run *r, int64_t first, size_t count, const double *external, double *seconds);
+EXPORTED size_t time_block(CoupledRun *run, int64_t first, size_t count, const double *external, double *seconds);
 
-/* Seconds of the clock that `pace` uses. */
+/* Seconds of the clock that a Pace counts in. */
 EXPORTED double pace_clock(void);
 
 #endif

@@ -1,0 +1,318 @@
+/* FMI 2.0: reading and writing variables. */
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "instance.h"
+
+static const char types[][8] = {[REAL] = "Real", [INTEGER] = "Integer", [BOOLEAN] = "Boolean", [STRING] = "String"};
+static const char causalities[][12] = {
+    [INDEPENDENT] = "independent", [PARAMETER] = "parameter", [INPUT] = "input", [OUTPUT] = "output", [LOCAL] = "local",
+};
+
+static VariableType type_of(const UnitDescription *unit, fmi2ValueReference reference)
+{
+    return unit->kinds[reference] & TYPE_MASK;
+}
+
+static Causality causality_of(const UnitDescription *unit, fmi2ValueReference reference)
+{
+    return unit->kinds[reference] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
+}
+
+/* Do the arguments of a call name variables of its type? */
+static bool check_references(Instance *instance, const fmi2ValueReference references[], size_t count, VariableType type,
+                             const void *values)
+{
+    if (count > 0 && (references == NULL || values == NULL)) {
+        refuse_null(instance, references == NULL ? "vr" : "value");
+        return false;
+    }
+    const UnitDescription *const unit = instance->description;
+    if (count > unit->variable_count) {
+        refuse(instance, "nvr must be <= %zu, the number of variables, got %zu", unit->variable_count, count);
+        return false;
+    }
+    for (size_t k = 0; k < count; k++) {
+        const fmi2ValueReference reference = references[k];
+        if (reference >= unit->variable_count) {
+            refuse(instance, "value reference must be within 0..%zu, got %zu", unit->variable_count - 1,
+                   (size_t)reference);
+            return false;
+        }
+        const VariableType own = type_of(unit, reference);
+        if (own != type) {
+            refuse(instance, "%s is %s, got a call for %s", unit->variables[reference].name, types[own], types[type]);
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool readable(Instance *instance, const fmi2ValueReference references[], size_t count, VariableType type,
+                     const void *values)
+{
+    if (!check_references(instance, references, count, type, values))
+        return false;
+    return instance->now.phase != INITIALISING || refresh(instance);
+}
+
+/* The quick way for what hosts do at every step: consecutive Real variables, whose kinds agree with `kind` in the bits
+   of `mask`. False where a call takes a closer look. */
+static bool is_run(const UnitDescription *unit, const fmi2ValueReference references[], size_t count, unsigned mask,
+                   unsigned kind)
+{
+    if (references == NULL || count == 0 || count > unit->variable_count ||
+        references[0] > unit->variable_count - count)
+        return false;
+    fmi2ValueReference mismatch = 0;
+    for (size_t k = 0; k < count; k++)
+        mismatch |= references[k] ^ (references[0] + (fmi2ValueReference)k);
+    unsigned char kind_mismatch = 0;
+    if (mismatch == 0)
+        for (size_t k = 0; k < count; k++)
+            kind_mismatch |= (unsigned char)((unit->kinds[references[0] + k] ^ kind) & mask);
+    return (mismatch | kind_mismatch) == 0;
+}
+
+fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t count, fmi2Real values[])
+{
+    Instance *const instance = begin_call(component, "fmi2GetReal");
+    if (instance != NULL && instance->now.phase != INITIALISING && values != NULL &&
+        is_run(instance->description, references, count, TYPE_MASK | DEFERRED, REAL)) {
+        memcpy(values, instance->unit.values + references[0], count * sizeof *values);
+        return fmi2OK;
+    }
+    if (instance == NULL || !readable(instance, references, count, REAL, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++) {
+        if (instance->description->kinds[references[k]] & DEFERRED)
+            complete(instance);
+        values[k] = instance->unit.values[references[k]];
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetInteger(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                          fmi2Integer values[])
+{
+    Instance *const instance = begin_call(component, "fmi2GetInteger");
+    if (instance == NULL || !readable(instance, references, count, INTEGER, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        values[k] = (fmi2Integer)instance->unit.values[references[k]];
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetBoolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                          fmi2Boolean values[])
+{
+    Instance *const instance = begin_call(component, "fmi2GetBoolean");
+    if (instance == NULL || !readable(instance, references, count, BOOLEAN, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        values[k] = instance->unit.values[references[k]] != 0.0 ? fmi2True : fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                         fmi2String values[])
+{
+    Instance *const instance = begin_call(component, "fmi2GetString");
+    if (instance == NULL || !readable(instance, references, count, STRING, values))
+        return fmi2Error;
+    const UnitDescription *const unit = instance->description;
+    for (size_t k = 0; k < count; k++)
+        values[k] = unit->texts[(size_t)unit->variables[references[k]].start];
+    return fmi2OK;
+}
+
+/* A refusal that ends in the refused value, as its type is written. */
+static bool refuse_value(Instance *instance, fmi2ValueReference reference, const char *rule, const double *bound,
+                         double value, const char *text)
+{
+    const char *const name = instance->description->variables[reference].name;
+    const VariableType type = type_of(instance->description, reference);
+    if (bound != NULL && type == INTEGER)
+        refuse(instance, "%s %s %d, got %d", name, rule, (int)*bound, (int)value);
+    else if (bound != NULL)
+        refuse(instance, "%s %s %r, got %r", name, rule, *bound, value);
+    else if (type == STRING)
+        refuse(instance, "%s %s, got %q", name, rule, text == NULL ? "NULL" : text);
+    else if (type == BOOLEAN)
+        refuse(instance, "%s %s, got %s", name, rule, value != 0.0 ? "True" : "False");
+    else if (type == INTEGER)
+        refuse(instance, "%s %s, got %d", name, rule, (int)value);
+    else
+        refuse(instance, "%s %s, got %r", name, rule, value);
+    return false;
+}
+
+/* May this variable take this value now? */
+static bool settable(Instance *instance, fmi2ValueReference reference, double value, const char *text)
+{
+    static const char fixed[] = "is fixed and cannot be set after initialisation";
+    const UnitDescription *const unit = instance->description;
+    const Causality causality = causality_of(unit, reference);
+    if (causality != INPUT && causality != PARAMETER) {
+        char rule[48] = "is ";
+        strcat(rule, causalities[causality]);
+        strcat(rule, " and cannot be set");
+        return refuse_value(instance, reference, rule, NULL, value, text);
+    }
+    if ((unit->kinds[reference] & FIXED) != 0 && instance->now.phase == STEPPING)
+        return refuse_value(instance, reference, fixed, NULL, value, text);
+    if (!isfinite(value))
+        return refuse_value(instance, reference, "must be finite", NULL, value, text);
+    if (causality == INPUT)
+        return true;
+    const Variable *const variable = &unit->variables[reference];
+    if (value < variable->minimum)
+        return refuse_value(instance, reference, "must be >=", &variable->minimum, value, text);
+    if (value > variable->maximum)
+        return refuse_value(instance, reference, "must be <=", &variable->maximum, value, text);
+    return true;
+}
+
+/* Before a call that sets variables. */
+static bool writable(Instance *instance, const fmi2ValueReference references[], size_t count, VariableType type,
+                     const void *values)
+{
+    if (instance->now.phase == TERMINATED) {
+        refuse(instance, "no variable can be set after fmi2Terminate");
+        return false;
+    }
+    return check_references(instance, references, count, type, values);
+}
+
+static bool all_finite(const double values[], size_t count)
+{
+    uint64_t overflow = 0; /* of the width of a double, so that compilers take several at once */
+    for (size_t k = 0; k < count; k++)
+        overflow |= (uint64_t)(!(fabs(values[k]) <= DBL_MAX));
+    return overflow == 0;
+}
+
+fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       const fmi2Real values[])
+{
+    Instance *const instance = begin_call(component, "fmi2SetReal");
+    if (instance == NULL)
+        return fmi2Error;
+    if (instance->now.phase != TERMINATED && values != NULL &&
+        is_run(instance->description, references, count, UCHAR_MAX, REAL | INPUT << CAUSALITY_SHIFT) &&
+        all_finite(values, count)) {
+        memcpy(instance->unit.values + references[0], values, count * sizeof *values);
+        instance->stale = true;
+        return fmi2OK;
+    }
+    if (!writable(instance, references, count, REAL, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        if (!settable(instance, references[k], values[k], NULL))
+            return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        instance->unit.values[references[k]] = values[k];
+    instance->stale = true;
+    return fmi2OK;
+}
+
+/* fmi2Integer and fmi2Boolean are one type. */
+static fmi2Status set_whole(fmi2Component component, const char *function, const fmi2ValueReference references[],
+                            size_t count, VariableType type, const int values[])
+{
+    Instance *const instance = begin_call(component, function);
+    if (instance == NULL || !writable(instance, references, count, type, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        if (!settable(instance, references[k], values[k], NULL))
+            return fmi2Error;
+    for (size_t k = 0; k < count; k++)
+        instance->unit.values[references[k]] = type == BOOLEAN ? values[k] != 0 : values[k];
+    instance->stale = true;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetInteger(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                          const fmi2Integer values[])
+{
+    return set_whole(component, "fmi2SetInteger", references, count, INTEGER, values);
+}
+
+fmi2Status fmi2SetBoolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                          const fmi2Boolean values[])
+{
+    return set_whole(component, "fmi2SetBoolean", references, count, BOOLEAN, values);
+}
+
+/* All strings of a unit are constants. */
+fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                         const fmi2String values[])
+{
+    Instance *const instance = begin_call(component, "fmi2SetString");
+    if (instance == NULL || !writable(instance, references, count, STRING, values))
+        return fmi2Error;
+    return count == 0 || settable(instance, references[0], 0.0, values[0]) ? fmi2OK : fmi2Error;
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                                       const fmi2Integer orders[], const fmi2Real values[])
+{
+    Instance *const instance = begin_call(component, "fmi2SetRealInputDerivatives");
+    if (instance == NULL)
+        return fmi2Error;
+    const UnitDescription *const unit = instance->description;
+    if (!unit->interpolates_inputs)
+        return decline(instance, "this unit holds its inputs, canInterpolateInputs is false");
+    if (!writable(instance, references, count, REAL, values))
+        return fmi2Error;
+    if (count > 0 && orders == NULL)
+        return refuse_null(instance, "order");
+    for (size_t k = 0; k < count; k++) {
+        const char *const name = unit->variables[references[k]].name;
+        if (causality_of(unit, references[k]) != INPUT)
+            return refuse(instance, "%s must be an input, got the derivative %r", name, values[k]);
+        if (orders[k] != 1)
+            return refuse(instance, "order of the derivative of %s must be 1, got %d", name, orders[k]);
+        if (!isfinite(values[k]))
+            return refuse(instance, "derivative of %s must be finite, got %r", name, values[k]);
+    }
+    double *const slopes = instance->unit.values + unit->variable_count;
+    for (size_t k = 0; k < count; k++) {
+        slopes[references[k]] = values[k];
+        instance->now.sloped = true;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                                        const fmi2Integer orders[], fmi2Real values[])
+{
+    (void)references;
+    (void)count;
+    (void)orders;
+    (void)values;
+    Instance *const instance = begin_call(component, "fmi2GetRealOutputDerivatives");
+    if (instance == NULL)
+        return fmi2Error;
+    return decline(instance, "this unit has none, maxOutputDerivativeOrder is 0");
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component component, const fmi2ValueReference unknowns[],
+                                        size_t unknown_count, const fmi2ValueReference knowns[], size_t known_count,
+                                        const fmi2Real known_changes[], fmi2Real unknown_changes[])
+{
+    (void)unknowns;
+    (void)unknown_count;
+    (void)knowns;
+    (void)known_count;
+    (void)known_changes;
+    (void)unknown_changes;
+    Instance *const instance = begin_call(component, "fmi2GetDirectionalDerivative");
+    if (instance == NULL)
+        return fmi2Error;
+    return decline(instance, "this unit has none, providesDirectionalDerivative is false");
+}

@@ -1,0 +1,117 @@
+#include "instance.h"
+
+#include <stdarg.h>
+#include <string.h>
+
+#include "format_line.h"
+
+Instance *begin_call(fmi2Component component, const char *function)
+{
+    Instance *const instance = component;
+    if (instance != NULL)
+        instance->function = function;
+    return instance;
+}
+
+/* One line; that of a refusal starts with the FMI function's name. */
+static void say(Instance *instance, fmi2Status status, const char *text)
+{
+    static const char categories[][20] = {
+        [fmi2OK] = "logAll",
+        [fmi2Warning] = "logStatusWarning",
+        [fmi2Discard] = "logStatusDiscard",
+        [fmi2Error] = "logStatusError",
+        [fmi2Fatal] = "logStatusFatal",
+    };
+    if ((instance->logged >> status & 1u) == 0)
+        return;
+    char line[TEXT_SIZE + 40];
+    line[0] = '\0';
+    if (status >= fmi2Discard && strncmp(text, instance->function, strlen(instance->function)) != 0) {
+        strcpy(line, instance->function);
+        strcat(line, ": ");
+    }
+    strcat(line, text);
+    instance->callbacks.logger(instance->callbacks.componentEnvironment, instance->name, status, categories[status],
+                               line);
+}
+
+#define FORMAT_TEXT(text, format)                                                                                      \
+    do {                                                                                                               \
+        va_list values;                                                                                                \
+        va_start(values, format);                                                                                      \
+        format_line(text, sizeof text, format, values);                                                                \
+        va_end(values);                                                                                                \
+    } while (false)
+
+static fmi2Status fail(Instance *instance, const char *text)
+{
+    if (instance->now.failure[0] == '\0')
+        strcpy(instance->now.failure, text);
+    say(instance, fmi2Error, text);
+    return fmi2Error;
+}
+
+fmi2Status refuse(Instance *instance, const char *format, ...)
+{
+    char text[TEXT_SIZE];
+    FORMAT_TEXT(text, format);
+    return fail(instance, text);
+}
+
+fmi2Status decline(Instance *instance, const char *format, ...)
+{
+    char text[TEXT_SIZE];
+    FORMAT_TEXT(text, format);
+    say(instance, fmi2Error, text);
+    return fmi2Error;
+}
+
+fmi2Status discard(Instance *instance, const char *format, ...)
+{
+    char text[TEXT_SIZE];
+    FORMAT_TEXT(text, format);
+    say(instance, fmi2Discard, text);
+    return fmi2Discard;
+}
+
+fmi2Status refuse_null(Instance *instance, const char *argument)
+{
+    return refuse(instance, "%s must not be NULL", argument);
+}
+
+void log_of_unit(UnitInstance *unit, Severity severity, const char *line)
+{
+    Instance *const instance = (Instance *)unit;
+    if (severity == REFUSAL)
+        fail(instance, line);
+    else
+        say(instance, severity == WARNING ? fmi2Warning : fmi2OK, line);
+}
+
+bool require(Instance *instance, Phase phase)
+{
+    static const char phases[][24] = {"just instantiated", "in initialization mode", "initialised", "terminated"};
+    if (instance->now.phase == phase)
+        return true;
+    refuse(instance, "%s needs an instance %s, this one is %s", instance->function, phases[phase],
+           phases[instance->now.phase]);
+    return false;
+}
+
+bool refresh(Instance *instance)
+{
+    if (instance->stale && !instance->unit.hooks->initialise(&instance->unit))
+        return false;
+    if (instance->stale)
+        instance->incomplete = true;
+    instance->stale = false;
+    return true;
+}
+
+void complete(Instance *instance)
+{
+    if (instance->incomplete)
+        unit_complete(&instance->unit);
+    instance->incomplete = false;
+}

@@ -1,0 +1,131 @@
+#include "linear_algebra.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+size_t panels_size(size_t rows, size_t columns)
+{
+    return (rows + PANEL - 1) / PANEL * PANEL * columns;
+}
+
+void fill_panels(size_t rows, size_t columns, const double *matrix, size_t stride, double *panels)
+{
+    for (size_t i = 0; i < rows; i += PANEL)
+        for (size_t j = 0; j < columns; j++)
+            for (size_t k = 0; k < PANEL; k++)
+                *panels++ = i + k < rows ? matrix[(i + k) * stride + j] : 0.0;
+}
+
+/* Two halves of four sums each: what compilers turn into vector instructions without reordering any sum. */
+void multiply_panels(size_t rows, size_t columns, const double *panels, const double *x, bool add, double *y)
+{
+    for (size_t i = 0; i < rows; i += PANEL) {
+        double upper[PANEL / 2] = {0};
+        double lower[PANEL / 2] = {0};
+        for (size_t j = 0; j < columns; j++, panels += PANEL) {
+            for (size_t k = 0; k < PANEL / 2; k++)
+                upper[k] += panels[k] * x[j];
+            for (size_t k = 0; k < PANEL / 2; k++)
+                lower[k] += panels[k + PANEL / 2] * x[j];
+        }
+        for (size_t k = 0; k < PANEL && i + k < rows; k++) {
+            const double sum = k < PANEL / 2 ? upper[k] : lower[k - PANEL / 2];
+            y[i + k] = add ? y[i + k] + sum : sum;
+        }
+    }
+}
+
+void multiply_matrices(size_t rows, size_t inner, size_t columns, const double *A, const double *B, double *C)
+{
+    memset(C, 0, rows * columns * sizeof *C);
+    for (size_t i = 0; i < rows; i++)
+        for (size_t k = 0; k < inner; k++) {
+            const double factor = A[i * inner + k];
+            const double *const row = B + k * columns;
+            double *const sum = C + i * columns;
+            for (size_t j = 0; j < columns; j++)
+                sum[j] += factor * row[j];
+        }
+}
+
+void transpose(size_t rows, size_t columns, const double *A, double *transposed)
+{
+    for (size_t i = 0; i < rows; i++)
+        for (size_t j = 0; j < columns; j++)
+            transposed[j * rows + i] = A[i * columns + j];
+}
+
+bool cholesky(size_t n, double *A)
+{
+    for (size_t j = 0; j < n; j++) {
+        double *const row = A + j * n;
+        for (size_t i = 0; i < j; i++) {
+            double sum = row[i];
+            for (size_t k = 0; k < i; k++)
+                sum -= row[k] * A[i * n + k];
+            row[i] = sum / A[i * n + i];
+        }
+        double pivot = row[j];
+        for (size_t k = 0; k < j; k++)
+            pivot -= row[k] * row[k];
+        if (!(pivot > 0.0 && pivot <= DBL_MAX))
+            return false;
+        row[j] = sqrt(pivot);
+        for (size_t k = j + 1; k < n; k++)
+            row[k] = 0.0;
+    }
+    return true;
+}
+
+void solve_lower(size_t n, size_t columns, const double *L, double *B)
+{
+    for (size_t i = 0; i < n; i++) {
+        double *const row = B + i * columns;
+        for (size_t k = 0; k < i; k++)
+            for (size_t j = 0; j < columns; j++)
+                row[j] -= L[i * n + k] * B[k * columns + j];
+        for (size_t j = 0; j < columns; j++)
+            row[j] /= L[i * n + i];
+    }
+}
+
+static void swap_rows(double *one, double *other, size_t columns)
+{
+    for (size_t j = 0; j < columns; j++) {
+        const double value = one[j];
+        one[j] = other[j];
+        other[j] = value;
+    }
+}
+
+bool solve_general(size_t n, size_t columns, double *A, double *B)
+{
+    for (size_t k = 0; k < n; k++) {
+        size_t best = k;
+        for (size_t i = k + 1; i < n; i++)
+            if (fabs(A[i * n + k]) > fabs(A[best * n + k]))
+                best = i;
+        if (!(fabs(A[best * n + k]) > 0.0))
+            return false;
+        if (best != k) {
+            swap_rows(A + k * n, A + best * n, n);
+            swap_rows(B + k * columns, B + best * columns, columns);
+        }
+        for (size_t i = k + 1; i < n; i++) {
+            const double factor = A[i * n + k] / A[k * n + k];
+            for (size_t j = k + 1; j < n; j++)
+                A[i * n + j] -= factor * A[k * n + j];
+            for (size_t j = 0; j < columns; j++)
+                B[i * columns + j] -= factor * B[k * columns + j];
+        }
+    }
+    for (size_t i = n; i-- > 0;) {
+        for (size_t k = i + 1; k < n; k++)
+            for (size_t j = 0; j < columns; j++)
+                B[i * columns + j] -= A[i * n + k] * B[k * columns + j];
+        for (size_t j = 0; j < columns; j++)
+            B[i * columns + j] /= A[i * n + i];
+    }
+    return true;
+}

@@ -1,0 +1,230 @@
+/* FlatnessFeedforward: u = sum_i c_i xi^(i), x = sum_i X_i xi^(i) (31)-(38), with the flat output
+   xi = offset + sum_k changes_k Theta((t - starts_k) / durations_k). */
+
+#include "flatness_feedforward.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "linear_algebra.h"
+#include "planner.h"
+
+#define TARGET_ROUNDING 1e-12 /* m: a host that interpolates a constant target moves it by less */
+
+/* State: number of transitions under way, a double as all of the state; the target that they lead to (points,); then
+   the motion. */
+static size_t flatness_feedforward_state_size(const void *data)
+{
+    const FlatnessFeedforwardData *const feedforward = data;
+    return 1 + feedforward->points + feedforward->voltages + SLOTS * (2 + feedforward->voltages);
+}
+
+static double *handled_target(const UnitInstance *unit)
+{
+    return unit->state + 1;
+}
+
+static Motion motion_of(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    double *const offset = handled_target(unit) + feedforward->points;
+    double *const starts = offset + feedforward->voltages;
+    double *const durations = starts + SLOTS;
+    return (Motion){.count = (size_t)unit->state[0],
+                    .offset = offset,
+                    .starts = starts,
+                    .durations = durations,
+                    .changes = durations + SLOTS};
+}
+
+/* Workspace: derivatives of the flat output (degree + 1, voltages), of one transition (terms + 1,) and scratch. */
+static double *feedforward_scratch(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const size_t degree = feedforward->degree;
+    return unit->workspace + (degree + 1) * feedforward->voltages + transition_terms(degree) + 1;
+}
+
+static size_t flatness_feedforward_workspace_size(const void *data)
+{
+    const FlatnessFeedforwardData *const feedforward = data;
+    const size_t degree = feedforward->degree;
+    const size_t terms = transition_terms(degree);
+    const size_t outputs = feedforward->states + 3 * feedforward->voltages;
+    return (degree + 1) * feedforward->voltages + terms + 1 + (outputs > 2 * terms ? outputs : 2 * terms);
+}
+
+/* Transitions that have ended go into the offset; the others move up, in their order. Returns how many are left. */
+static size_t retire_transitions(UnitInstance *unit, double time)
+{
+    const double reached = time + clock_tolerance(unit, time, unit->step_size);
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const Motion motion = motion_of(unit);
+    const size_t voltages = feedforward->voltages;
+    size_t left = 0;
+    for (size_t k = 0; k < motion.count; k++) {
+        const double *const change = motion.changes + k * voltages;
+        if (reached >= motion.starts[k] + motion.durations[k]) {
+            for (size_t j = 0; j < voltages; j++)
+                motion.offset[j] += change[j];
+            continue;
+        }
+        motion.starts[left] = motion.starts[k];
+        motion.durations[left] = motion.durations[k];
+        memmove(motion.changes + left * voltages, change, voltages * sizeof *change);
+        left++;
+    }
+    unit->state[0] = (double)left;
+    return left;
+}
+
+/* Derivatives of the flat output at `time`, (degree + 1, voltages) in the workspace. */
+static void differentiate_flat_output(UnitInstance *unit, double time)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const Motion motion = motion_of(unit);
+    const size_t voltages = feedforward->voltages;
+    const size_t degree = feedforward->degree;
+    double *const xi = unit->workspace;
+    double *const theta = xi + (degree + 1) * voltages;
+    memset(xi, 0, (degree + 1) * voltages * sizeof *xi);
+    memcpy(xi, motion.offset, voltages * sizeof *xi);
+    for (size_t k = 0; k < motion.count; k++) {
+        const double tau = fmin(fmax((time - motion.starts[k]) / motion.durations[k], 0.0), 1.0);
+        transition_series(&feedforward->transition, tau, degree, theta, feedforward_scratch(unit));
+        double scale = 1.0; /* i! / T^i */
+        for (size_t i = 0; i <= degree; i++) {
+            const double derivative = theta[i] * scale;
+            for (size_t j = 0; j < voltages; j++)
+                xi[i * voltages + j] += derivative * motion.changes[k * voltages + j];
+            scale *= (double)(i + 1) / motion.durations[k];
+        }
+    }
+}
+
+/* Voltages, reference states and outputs at `time`. */
+static void write_references(UnitInstance *unit, double time)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const size_t voltages = feedforward->voltages;
+    const size_t states = feedforward->states;
+    const size_t degree = feedforward->degree;
+    const bool moving = retire_transitions(unit, time) > 0;
+    differentiate_flat_output(unit, time);
+    const double *const xi = unit->workspace;
+    double *const u = unit->values + feedforward->u_ff;
+    double *const x = unit->values + feedforward->x_ref;
+    for (size_t j = 0; j < voltages; j++) {
+        double sum = 0.0;
+        for (size_t i = 0; i <= degree; i++)
+            sum += feedforward->input_series[i] * xi[i * voltages + j];
+        u[j] = sum;
+    }
+    multiply_panels(states, degree * voltages, feedforward->state_series, xi, false, x);
+    double *const state_and_input = feedforward_scratch(unit);
+    memcpy(state_and_input, x, states * sizeof *x);
+    memcpy(state_and_input + states, u, voltages * sizeof *u);
+    multiply_panels(feedforward->points, states + voltages, feedforward->reference_outputs, state_and_input, false,
+                    unit->values + feedforward->y_ref);
+    unit->values[feedforward->moving] = moving;
+}
+
+/* Start the transition to a changed target. */
+static void start_transition(UnitInstance *unit, double time)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    double *const values = unit->values;
+    double *const target = values + feedforward->y_target;
+    const Motion motion = motion_of(unit);
+    const size_t voltages = feedforward->voltages;
+    double *const change = unit->workspace;
+    multiply_panels(voltages, feedforward->points, feedforward->static_inverse, target, false, change);
+    for (size_t j = 0; j < voltages; j++) {
+        double sum = 0.0;
+        for (size_t k = 0; k < motion.count; k++)
+            sum += motion.changes[k * voltages + j];
+        change[j] -= motion.offset[j] + sum;
+    }
+    const double shortest = values[feedforward->transition_time];
+    const double limit = values[feedforward->voltage_limit];
+    const TransitionPlan plan =
+        plan_transition(feedforward, &motion, time, change, shortest, limit, feedforward_scratch(unit));
+    memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
+    const bool refused = !(plan.duration > 0.0);
+    values[feedforward->target_refused] = refused;
+    values[feedforward->planned_peak] = plan.peak;
+    if (refused) {
+        unit_warn(
+            unit,
+            "y_target at %.6g s is refused: it takes %.1f V %s, voltage_limit is %.1f V; the target before is held",
+            unit->start + time, plan.peak, plan.peak_at_rest > limit ? "at rest" : "on the way", limit);
+        return;
+    }
+    if (plan.duration > shortest)
+        unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %.1f V",
+                  unit->start + time, shortest, plan.duration, limit);
+    values[feedforward->planned_time] = plan.duration;
+    motion.durations[motion.count] = plan.duration;
+    unit->state[0] += 1.0;
+}
+
+/* At rest at the first target. */
+static bool flatness_feedforward_initialise(UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    double *const values = unit->values;
+    double *const target = values + feedforward->y_target;
+    memset(unit->state, 0, flatness_feedforward_state_size(feedforward) * sizeof *unit->state);
+    memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
+    double *const offset = motion_of(unit).offset;
+    const double limit = values[feedforward->voltage_limit];
+    multiply_panels(feedforward->voltages, feedforward->points, feedforward->static_inverse, target, false, offset);
+    double peak = 0.0;
+    for (size_t j = 0; j < feedforward->voltages; j++)
+        peak = fmax(peak, fabs(offset[j]));
+    if (peak > limit)
+        return unit_refuse(unit, "y_target is out of reach: it takes %.1f V at rest, voltage_limit is %.1f V", peak,
+                           limit);
+    values[feedforward->planned_peak] = peak;
+    write_references(unit, values[feedforward->preview]);
+    return true;
+}
+
+/* A changed target starts a transition at `time`; outputs are those of time + step + preview. At rest they stay. */
+static bool flatness_feedforward_advance(UnitInstance *unit, double time, double step)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const double *const target = unit->values + feedforward->y_target;
+    const double *const handled = handled_target(unit);
+    bool changed = false;
+    for (size_t k = 0; k < feedforward->points; k++)
+        changed = changed || fabs(target[k] - handled[k]) > TARGET_ROUNDING;
+    if (changed && unit->state[0] < SLOTS)
+        start_transition(unit, time);
+    const bool rests = unit->state[0] == 0.0 && unit->values[feedforward->moving] == 0.0;
+    if (!rests)
+        write_references(unit, time + step + unit->values[feedforward->preview]);
+    return true;
+}
+
+/* The number of transitions is used as an index; the planner tries durations up to a multiple of the longest. */
+static bool flatness_feedforward_restore(UnitInstance *unit)
+{
+    const double count = unit->state[0];
+    bool is_valid = count >= 0.0 && count <= SLOTS && floor(count) == count;
+    if (is_valid) {
+        const Motion motion = motion_of(unit);
+        for (size_t k = 0; k < motion.count; k++)
+            is_valid =
+                is_valid && isfinite(motion.starts[k]) && motion.durations[k] > 0.0 && motion.durations[k] < 1e12;
+    }
+    return is_valid || unit_refuse(unit, "FMU state must have contents that this unit can have saved");
+}
+
+INTERNAL_DATA const UnitHooks flatness_feedforward_hooks = {
+    .state_size = flatness_feedforward_state_size,
+    .workspace_size = flatness_feedforward_workspace_size,
+    .initialise = flatness_feedforward_initialise,
+    .restore = flatness_feedforward_restore,
+    .advance = flatness_feedforward_advance,
+};

@@ -1,0 +1,33 @@
+/* The tables of TrackingController. */
+
+#ifndef TRACKING_CONTROLLER_H
+#define TRACKING_CONTROLLER_H
+
+#include "unit.h"
+
+typedef struct {
+    size_t states;
+    size_t voltages;
+    size_t points;
+    size_t gauges;
+    double sample_time; /* s */
+    /* value references, of an array its first */
+    unsigned y_pm;
+    unsigned u_ff;
+    unsigned x_ref;
+    unsigned u;
+    unsigned y_est;
+    unsigned saturated;
+    unsigned x_est;
+    unsigned feedback;
+    unsigned integral_gain;
+    unsigned voltage_limit;
+    /* in panels, see linear_algebra.h */
+    const double *filter;    /* [A_d - L H_pm, B_d - L D_pm, L] (states, states + voltages + gauges) */
+    const double *regulator; /* [K, 0; G_0^+ H_pi, G_0^+ D_pi] (2 voltages, states + voltages) */
+    const double *estimates; /* [H_pi, D_pi] (points, states + voltages) */
+} TrackingControllerData;
+
+INTERNAL const UnitHooks tracking_controller_hooks;
+
+#endif

@@ -1,0 +1,27 @@
+/* The smooth transition Theta of (37): the integral of exp(-(tau (1 - tau))^-g), normalised to Theta(1) = 1. */
+
+#ifndef TRANSITION_H
+#define TRANSITION_H
+
+#include <stddef.h>
+
+#include "internal.h"
+
+#define LOCAL_TERMS 16 /* that carry Theta from a node of its table to its neighbourhood without loss */
+
+typedef struct {
+    double exponent;     /* g */
+    double norm;         /* the integral before it is normalised */
+    size_t nodes;        /* intervals of the table */
+    const double *table; /* (nodes + 1,): Theta at tau = i / nodes */
+} Transition;
+
+/* Highest power of the series that gives the coefficients up to `degree`. */
+INTERNAL size_t transition_terms(size_t degree);
+
+/* Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... degree, at tau within [0, 1]. With terms =
+   transition_terms(degree) `coefficients` has room for terms + 1, `scratch` for 2 terms. */
+INTERNAL void transition_series(const Transition *transition, double tau, size_t degree, double *coefficients,
+                                double *scratch);
+
+#endif

@@ -1,0 +1,268 @@
+"""FlatnessFeedforward: motion planning and feedforward between rest positions."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from flexbeams.controller.design import Design
+from flexbeams.controller.planner import sample_grid
+from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
+from flexbeams.fmus.references.flatness_feedforward import feedforward_experiments
+from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
+from flexbeams.fmus.units.native_kernel import (
+    NATIVE,
+    Fields,
+    NativeKernel,
+    Table,
+    UnitData,
+    first_references,
+    header_constant,
+)
+from flexbeams.plant.galerkin import BeamModel
+
+SLOTS = header_constant(NATIVE / "units" / "planner.h", "SLOTS")  # transitions in progress at once
+
+
+def declare(design: Design, model: BeamModel) -> Interface:
+    """Target deflections in; voltages, reference state and reference deflections out."""
+    options, limit = design.options, design.options.voltage_limit
+    n_u, n_pi = design.arrays["static_inverse"].shape
+    m = len(design.arrays["A"])
+    target = {"causality": "output", "initial_inputs": ("y_target",)}
+    return Interface(
+        unit_name=FLATNESS_FEEDFORWARD.name,
+        variables=(
+            TIME,
+            *array(
+                "y_target",
+                n_pi,
+                causality="input",
+                unit="m",
+                start=0.0,
+                nominal=1e-3,
+                description="Target deflection of point of interest {}; a change starts a transition",
+            ),
+            *array("u_ff", n_u, unit="V", nominal=limit, description="Feedforward voltage of patch pair {}", **target),
+            *array("x_ref", m, unit="1", description="Reference of reduced state {}", **target),
+            *array(
+                "y_ref",
+                n_pi,
+                unit="m",
+                nominal=1e-3,
+                description="Reference deflection at point of interest {}",
+                **target,
+            ),
+            Variable(name="moving", type="Boolean", causality="output", description="A transition is in progress"),
+            *_last_plan(limit),
+            *_parameters(options.transition_time, limit),
+            design_id_variable(design),
+        ),
+        step_size=options.sample_time,
+        stop_time=STOP_TIME,
+        description="Flatness-based motion planning and feedforward: smooth, "
+        f"superposable transitions of Gevrey order {options.gevrey_order:g} between rest positions",
+    )
+
+
+def _last_plan(limit: float) -> Iterator[Variable]:
+    yield Variable(
+        name="target_refused",
+        type="Boolean",
+        causality="local",
+        description="The last target cannot be reached within the voltage limit; the previous one is held",
+    )
+    yield Variable(
+        name="planned_time",
+        causality="local",
+        unit="s",
+        description="Duration of the last transition planned, >= transition_time",
+    )
+    yield Variable(
+        name="planned_peak",
+        causality="local",
+        unit="V",
+        nominal=limit,
+        description="Largest voltage of the last plan, also of a refused one",
+    )
+
+
+def _parameters(transition_time: float, limit: float) -> Iterator[Variable]:
+    yield Variable(
+        name="transition_time",
+        causality="parameter",
+        variability="tunable",
+        unit="s",
+        start=transition_time,
+        minimum=1e-3,
+        maximum=1e4,
+        description="Requested duration of the next transition; longer where the voltage limit requires it",
+    )
+    yield Variable(
+        name="voltage_limit",
+        causality="parameter",
+        variability="tunable",
+        start=limit,
+        minimum=0.0,
+        unit="V",
+        nominal=limit,
+        description="Largest voltage magnitude planned with",
+    )
+    yield Variable(
+        name="preview",
+        causality="parameter",
+        variability="tunable",
+        unit="s",
+        start=0.0,
+        minimum=0.0,
+        maximum=10.0,
+        description="Time by which the outputs lead, to compensate for the delay up to the plant",
+    )
+
+
+def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitData:
+    """Arrays of the design by their names, and reference_outputs (n_pi, m + n_u): y_ref of (x_ref, u_ff)."""
+    names = (
+        "static_inverse",
+        "input_series",
+        "state_series",
+        "shape_times",
+        "shape_values",
+        "transition_table",
+        "transition_constants",
+    )
+    return UnitData(
+        arrays={
+            **{name: design.arrays[name] for name in names},
+            "reference_outputs": np.hstack([design.arrays["H_pi"], design.arrays["D_pi"]]),
+        },
+        meta={"sample_time": design.options.sample_time, "design_id": design.design_id, "slots": SLOTS},
+    )
+
+
+def native_data(interface: Interface, data: UnitData) -> Fields:
+    """The fields of FlatnessFeedforwardData."""
+    arrays = data.arrays
+    curves, (voltages, points) = arrays["shape_values"], arrays["static_inverse"].shape
+    return {
+        "voltages": voltages,
+        "states": len(arrays["state_series"]),
+        "points": points,
+        "degree": len(arrays["input_series"]) - 1,
+        "durations": len(curves),
+        "intervals": curves.shape[1] - 1,
+        **first_references(
+            interface,
+            "y_target",
+            "u_ff",
+            "x_ref",
+            "y_ref",
+            "moving",
+            "target_refused",
+            "planned_time",
+            "planned_peak",
+            "transition_time",
+            "voltage_limit",
+            "preview",
+        ),
+        **_native_series(data),
+        **_native_curves(data),
+    }
+
+
+def _native_series(data: UnitData) -> Fields:
+    """Theta, and the series that give voltages and states."""
+    arrays, inverse = data.arrays, data.arrays["static_inverse"]
+    (voltages, points), states = inverse.shape, len(arrays["state_series"])
+    degree, nodes = len(arrays["input_series"]) - 1, len(arrays["transition_table"]) - 1
+    exponent, norm = arrays["transition_constants"].tolist()
+    return {
+        "transition": {
+            "exponent": exponent,
+            "norm": norm,
+            "nodes": nodes,
+            "table": Table(
+                values=arrays["transition_table"],
+                comment=f"Theta(i / {nodes}) of (37), i = 0 ... {nodes}, ({nodes + 1},), 1",
+            ),
+        },
+        "input_series": Table(
+            values=arrays["input_series"],
+            comment=f"c_i of u = sum_i c_i xi^(i) (31), i = 0 ... {degree}, ({degree + 1},), s^i",
+        ),
+        "state_series": Table(
+            values=arrays["state_series"].reshape(states, -1),
+            comment=f"X_i of x_ref = sum_i X_i xi^(i), side by side, ({states}, {degree} x {voltages}), s^i/V",
+            in_panels=True,
+        ),
+        "static_inverse": Table(
+            values=inverse,
+            comment=f"G_0^+, from deflections to voltages at rest, ({voltages}, {points}), V/m",
+            in_panels=True,
+            decimals={"G_0^+, V/m": inverse},
+        ),
+        "reference_outputs": Table(
+            values=arrays["reference_outputs"],
+            comment=f"[H_pi, D_pi] of y_ref, ({points}, {states} + {voltages}), m and m/V",
+            in_panels=True,
+        ),
+    }
+
+
+def _native_curves(data: UnitData) -> Fields:
+    """The voltage over a transition, by which the planner judges transition times."""
+    durations, curves = data.arrays["shape_times"], data.arrays["shape_values"]
+    count, intervals = len(curves), curves.shape[1] - 1
+    return {
+        "curve_durations": Table(
+            values=durations,
+            comment=f"transition times of the voltage curves, ({count},), s",
+            decimals={"transition times, s": durations[None]},
+        ),
+        "curve_grid": Table(
+            values=sample_grid(intervals), comment=f"t / T at which the voltage curves are given, ({intervals + 1},), 1"
+        ),
+        "curves": Table(
+            values=curves,
+            comment=f"voltage per change of the flat output, a row for each transition time, "
+            f"({count}, {intervals + 1}), 1",
+        ),
+    }
+
+
+FLATNESS_FEEDFORWARD = UnitKind(
+    name="FlatnessFeedforward",
+    interface=declare,
+    data=unit_data,
+    chapter=Chapter(
+        equations="""
+The reduced model is flat, equations (31) to (38) of the paper: voltages and states follow from derivatives of the flat
+output ξ.
+= u_ff = sum_i c_i ξ^{(i)} ; x_ref = sum_i X_i ξ^{(i)} ; y_ref = H_pi x_ref + D_pi u_ff
+A changed target starts a transition; transitions add, so that a new one may start while others are under way:
+= ξ(t) = ξ_0 + sum_k Δξ_k Θ((t−t_k) / T_k)
+= Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})
+Derivatives of Θ are exact: they come from power series. A transition takes transition_time, or as much longer as it
+takes to keep the whole motion within voltage_limit. A target that needs more than that at rest is refused: one line in
+the log, target_refused is true, the previous target is held.
+""",
+        timing="""
+A target set before a step starts its transition at the beginning of that step. Outputs after a step are those at its
+end plus preview, which compensates for the delay between this unit and the plant. At most eight transitions are in
+progress at once; a further one starts when one has ended.
+""",
+        literature=PAPER,
+    ),
+    native=NativeKernel(
+        source=NATIVE / "units" / "flatness_feedforward.c",
+        data_type="FlatnessFeedforwardData",
+        hooks="flatness_feedforward_hooks",
+        data=native_data,
+    ),
+    python=Path(__file__).parents[1] / "python" / "flatness_feedforward.py",
+    experiments=feedforward_experiments,
+    internal_outputs=("x_ref",),
+    reference=("x_ref", "u_ff"),
+    targets="y_target",
+)

@@ -1,0 +1,202 @@
+"""TrackingController: Kalman filter, linear-quadratic regulator and integral action."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from flexbeams.controller.design import Design
+from flexbeams.controller.observer import tick_matrices
+from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
+from flexbeams.fmus.references.tracking_controller import controller_experiments
+from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
+from flexbeams.fmus.units.native_kernel import NATIVE, Fields, NativeKernel, Table, UnitData, first_references
+from flexbeams.plant.galerkin import BeamModel
+
+
+def declare(design: Design, model: BeamModel) -> Interface:
+    """Strains and the feedforward's references in, voltages and estimates out."""
+    m = len(design.arrays["A_d"])
+    return Interface(
+        unit_name=TRACKING_CONTROLLER.name,
+        variables=(
+            TIME,
+            *_inputs(design),
+            *_outputs(design),
+            *array(
+                "x_est",
+                m,
+                causality="local",
+                unit="1",
+                initial_inputs=("x_ref",),
+                description="Estimate of reduced state {}",
+            ),
+            *_parameters(design),
+            design_id_variable(design),
+        ),
+        step_size=design.options.sample_time,
+        stop_time=STOP_TIME,
+        description="Kalman filter, linear-quadratic regulator and integral action "
+        f"with a sample time of {design.options.sample_time:g} s and {m} states",
+    )
+
+
+def _inputs(design: Design) -> Iterator[Variable]:
+    n_u, m = design.arrays["feedback_gain"].shape
+    held = {"causality": "input", "start": 0.0}
+    yield from array(
+        "y_pm", len(design.arrays["H_pm"]), unit="1", nominal=1e-4, description="Measured strain at gauge {}", **held
+    )
+    yield from array(
+        "u_ff",
+        n_u,
+        unit="V",
+        nominal=design.options.voltage_limit,
+        description="Feedforward voltage of patch pair {}",
+        **held,
+    )
+    yield from array("x_ref", m, unit="1", description="Reference of reduced state {}", **held)
+
+
+def _outputs(design: Design) -> Iterator[Variable]:
+    n_u, n_pi = design.arrays["static_inverse"].shape
+    yield from array(
+        "u",
+        n_u,
+        causality="output",
+        initial_inputs=("u_ff",),
+        unit="V",
+        nominal=design.options.voltage_limit,
+        description="Voltage of patch pair {}",
+    )
+    yield from array(
+        "y_est",
+        n_pi,
+        causality="output",
+        unit="m",
+        nominal=1e-3,
+        initial_inputs=("x_ref", "u_ff"),
+        description="Estimated deflection at point of interest {}",
+    )
+    yield Variable(
+        name="saturated",
+        type="Boolean",
+        causality="output",
+        initial_inputs=("u_ff",),
+        description="A voltage is held at the limit",
+    )
+
+
+def _parameters(design: Design) -> Iterator[Variable]:
+    yield Variable(
+        name="feedback",
+        type="Boolean",
+        causality="parameter",
+        variability="tunable",
+        start=True,
+        description="Feedback on; when off, the feedforward's voltages pass through",
+    )
+    yield Variable(
+        name="integral_gain",
+        causality="parameter",
+        variability="tunable",
+        unit="1",
+        start=design.options.integral_gain,
+        minimum=0.0,
+        maximum=1.0,
+        description="k_I of (45), fraction of the deflection error corrected in each sample",
+    )
+    yield Variable(
+        name="voltage_limit",
+        causality="parameter",
+        variability="tunable",
+        start=design.options.voltage_limit,
+        minimum=0.0,
+        unit="V",
+        nominal=design.options.voltage_limit,
+        description="Largest magnitude of the output voltages",
+    )
+
+
+def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitData:
+    """The matrices of a tick, see controller.observer: filter, regulator, estimates."""
+    matrices = tick_matrices(design.arrays)
+    return UnitData(
+        arrays={"filter": matrices.filter, "regulator": matrices.regulator, "estimates": matrices.estimates},
+        meta={"sample_time": design.options.sample_time, "design_id": design.design_id},
+    )
+
+
+def native_data(interface: Interface, data: UnitData) -> Fields:
+    """The fields of TrackingControllerData."""
+    states, voltages, points, gauges = (len(interface.references(name)) for name in ("x_est", "u", "y_est", "y_pm"))
+    return {
+        "states": states,
+        "voltages": voltages,
+        "points": points,
+        "gauges": gauges,
+        "sample_time": float(data.meta["sample_time"]),
+        **first_references(
+            interface,
+            "y_pm",
+            "u_ff",
+            "x_ref",
+            "u",
+            "y_est",
+            "saturated",
+            "x_est",
+            "feedback",
+            "integral_gain",
+            "voltage_limit",
+        ),
+        "filter": Table(
+            values=data.arrays["filter"],
+            comment=f"[A_d - L H_pm, B_d - L D_pm, L] of the Kalman filter (42), "
+            f"({states}, {states} + {voltages} + {gauges})",
+            in_panels=True,
+            decimals={"estimator gain L, state per strain": data.arrays["filter"][:, -gauges:]},
+        ),
+        "regulator": Table(
+            values=data.arrays["regulator"],
+            comment=f"[K, 0; G_0^+ H_pi, G_0^+ D_pi] of (44) and (45), (2 x {voltages}, {states} + {voltages}), "
+            "V per state and V/V",
+            in_panels=True,
+            decimals={"feedback gain K, V per state": data.arrays["regulator"][:voltages, :states]},
+        ),
+        "estimates": Table(
+            values=data.arrays["estimates"],
+            comment=f"[H_pi, D_pi] of y_est, ({points}, {states} + {voltages}), m and m/V",
+            in_panels=True,
+        ),
+    }
+
+
+TRACKING_CONTROLLER = UnitKind(
+    name="TrackingController",
+    interface=declare,
+    data=unit_data,
+    chapter=Chapter(
+        equations="""
+A steady-state Kalman filter, equation (42) of the paper, a linear-quadratic regulator (44) and integral action (45):
+= x_est(k+1) = A_d x_est(k) + B_d u(k) + L (y_pm(k) − H_pm x_est(k) − D_pm u(k))
+= w(k) = u_ff(k) + K (x_ref(k) − x_est(k)) + z(k) ; u(k) = min(max(w(k) , −u_max) , u_max)
+= z(k+1) = z(k) + k_I G_0^+ (H_pi (x_ref − x_est) + D_pi (u_ff − u))
+G₀⁺ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
+factor alone would destabilise. A voltage at its limit u_max = voltage_limit does not integrate further out. With
+feedback off, the feedforward's voltages pass through.
+""",
+        timing="""
+The unit runs on its own clock, whose period is the sample time of the design. The voltages after a step
+are for the time at its end, computed from the measurement at its start: one sample of delay is part of the
+design. Ticks inside a longer step see the inputs held; a step shorter than the period holds some ticks or none.
+""",
+        literature=PAPER,
+    ),
+    native=NativeKernel(
+        source=NATIVE / "units" / "tracking_controller.c",
+        data_type="TrackingControllerData",
+        hooks="tracking_controller_hooks",
+        data=native_data,
+    ),
+    python=Path(__file__).parents[1] / "python" / "tracking_controller.py",
+    experiments=controller_experiments,
+)

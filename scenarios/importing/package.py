@@ -1,0 +1,64 @@
+"""Content of an SSP package: components with connectors and start values, and the connections between them."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flexbeams.scenarios.definition.schema import Coupling
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connector:
+    """A variable of a component as the package declares it; type and unit are empty where it leaves them open."""
+
+    name: str
+    kind: str
+    type: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A start value."""
+
+    name: str
+    type: str
+    value: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """A unit with its FMU."""
+
+    name: str
+    fmu: Path
+    connectors: dict[str, Connector]
+    parameters: list[Parameter]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PackageConnection:
+    """A connection from an output to an input."""
+
+    start: tuple[str, str]  # component and connector
+    end: tuple[str, str]
+    converted: bool = True  # between units of measurement that differ
+
+
+@dataclass(frozen=True, kw_only=True)
+class Package:
+    """A system as SystemStructure.ssd describes it; None where it is silent."""
+
+    name: str
+    description: str
+    components: dict[str, Component]
+    connections: list[PackageConnection]
+    units: dict[str, tuple[float, ...]] = field(default_factory=dict)  # exponents of SI's base units, factor, offset
+    stop_time: float | None = None  # s
+    step: float | None = None  # s
+    coupling: Coupling | None = None
+
+
+def is_package(name: str) -> bool:
+    """Whether a name is that of an SSP rather than of a scenario."""
+    return name.lower().endswith(".ssp")

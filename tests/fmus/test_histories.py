@@ -1,0 +1,293 @@
+"""Random histories of each unit: what a reset, a restored state or a refusal leaves behind is nothing.
+
+An instance lives through steps, new inputs, switched parameters, saved and restored states, resets, refusals and new
+set-ups. Of these its story keeps what should matter: the last set-up and, from there or from the saved state, every
+value set and every step. A fresh instance that goes through the story alone must agree with it bit for bit. The same
+history gives the same values from the C and from the Python kernel.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import read_model_description
+
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from tests.helpers import Workshop, design_of
+from tests.native.workshop import native_folder, needs_zig
+from tests.units.loaded import Loaded, Real, loaded
+
+LENGTH = 80  # actions of a history
+SEEDS = (1, 2, 3, 4, 5)
+
+Story = list[tuple[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """What a unit can be made to do; values are drawn by functions of a random generator."""
+
+    steps: Sequence[float]  # s
+    starts: dict[str, Callable[[np.random.Generator], Any]]  # before the initialisation
+    values: dict[str, Callable[[np.random.Generator], Any]]  # at any time
+    refused: Sequence[tuple[str, float]]  # by fmi2SetXXX, at any time
+    impossible: Sequence[dict[str, float]] = ()  # refused when the initialisation ends
+    burst: str = ""  # an input that is changed at ten steps in a row
+    moving: str = ""  # an output that tells whether a motion is under way
+
+
+def uniform(low: float, high: float) -> Callable[[np.random.Generator], float]:
+    return lambda rng: float(rng.uniform(low, high))
+
+
+def normal(scale: float, size: int) -> Callable[[np.random.Generator], Real]:
+    return lambda rng: rng.normal(0.0, scale, size)
+
+
+def switch(rng: np.random.Generator) -> bool:
+    return bool(rng.integers(2))
+
+
+def target(rng: np.random.Generator) -> Real:
+    """Reachable nine times of ten."""
+    voltages = rng.uniform(-700.0, 700.0, 4) * (5.0 if rng.uniform() < 0.1 else 1.0)
+    return np.asarray(np.linalg.pinv(design_of().arrays["static_inverse"]) @ voltages)
+
+
+PROFILES = {
+    "BeamPlant": Profile(
+        steps=(2e-4, 1e-3, 7e-5, 0.02),
+        starts={
+            "beam[1].density": uniform(1500.0, 3000.0),
+            "beam[2].youngs_modulus": uniform(2e10, 6e10),
+            "spring[1].stiffness": uniform(5.0, 20.0),
+            "strain_noise_std": uniform(0.0, 1e-6),
+            "noise_seed": lambda rng: int(rng.integers(1, 99)),
+            "start_at_rest_under": normal(300.0, 4),
+        },
+        values={"u": normal(300.0, 4), "force": normal(0.05, 3)},
+        refused=[("u[2]", np.nan), ("beam[1].tip_mass", -1.0), ("noise_seed", -1)],
+        impossible=[{"beam[2].density": 0.0}, {"beam[1].tip_mass": 1e308, "beam[1].density": 1e308}],
+    ),
+    "FlatnessFeedforward": Profile(
+        steps=(2e-4, 1e-3, 0.05, 0.31),
+        starts={"preview": uniform(0.0, 0.02), "transition_time": uniform(0.2, 1.0)},
+        values={
+            "y_target": target,
+            "transition_time": uniform(0.1, 1.2),
+            "voltage_limit": uniform(700.0, 1100.0),
+            "preview": uniform(0.0, 0.02),
+        },
+        refused=[("y_target[1]", np.inf), ("transition_time", 1e-4), ("voltage_limit", -1.0)],
+        impossible=[{"voltage_limit": 12.5, "y_target": -2e-3}],
+        burst="y_target",
+        moving="moving",
+    ),
+    "TrackingController": Profile(
+        steps=(2e-4, 1e-3, 5e-5, 7e-4),
+        starts={"u_ff": normal(300.0, 4), "x_ref": normal(1e-2, 30), "integral_gain": uniform(0.0, 1e-2)},
+        values={
+            "y_pm": normal(3e-5, 6),
+            "u_ff": normal(400.0, 4),
+            "x_ref": normal(1e-2, 30),
+            "feedback": switch,
+            "integral_gain": uniform(0.0, 1e-2),
+            "voltage_limit": uniform(300.0, 1000.0),
+        },
+        refused=[("y_pm[3]", np.nan), ("integral_gain", 1.5), ("voltage_limit", -1.0)],
+    ),
+}
+PROFILES["BeamClosedLoop"] = Profile(
+    steps=(2e-4, 1e-3, 0.01),
+    starts={f"plant.{n}": v for n, v in PROFILES["BeamPlant"].starts.items() if "rest" not in n}
+    | {"feedforward.transition_time": uniform(0.02, 0.05)},
+    values={
+        "y_target": lambda rng: 1e-3 * target(rng),
+        "force": normal(0.05, 3),
+        "controller.feedback": switch,
+        "controller.integral_gain": uniform(0.0, 1e-3),
+        "feedforward.voltage_limit": uniform(700.0, 1100.0),
+    },
+    refused=[("force[1]", np.nan), ("controller.integral_gain", 1.5), ("feedforward.transition_time", 1e-4)],
+    impossible=[{"plant.beam[2].density": 0.0}, {"plant.beam[1].tip_mass": 1e308, "plant.beam[1].density": 1e308}],
+    burst="y_target",
+    moving="moving",
+)
+
+
+def replay(unit: Loaded, story: Story) -> Loaded:
+    for action, value in story:
+        if action == "begin":
+            unit.begin(value[0], **value[1])
+        elif action == "step":
+            unit.advance(value)
+        else:
+            unit.put(action, value)
+    return unit
+
+
+@dataclass
+class Life:
+    """An instance, its random history, and the story that should explain what it shows."""
+
+    unit: Loaded
+    profile: Profile
+    rng: np.random.Generator
+    story: Story = field(default_factory=list)
+    saved: list[tuple[bytes, float, Story]] = field(default_factory=list)
+
+    def act(self, action: str, value: Any) -> None:
+        replay(self.unit, [(action, value)])
+        self.story.append((action, value))
+
+    def drawn(self, some: dict[str, Callable[[np.random.Generator], Any]]) -> dict[str, Any]:
+        return {name: draw(self.rng) for name, draw in some.items() if self.rng.uniform() < 0.5}
+
+    def begin(self) -> None:
+        """From a reset instance; at 0 or at another start time."""
+        self.story = []
+        self.act("begin", (float(self.rng.choice([0.0, 3.0])), self.drawn(self.profile.starts)))
+
+    def step(self) -> None:
+        self.act("step", float(self.rng.choice(self.profile.steps)))
+
+    def change(self) -> None:
+        for name, value in self.drawn(self.profile.values).items():
+            self.act(name, value)
+
+    def burst(self) -> None:
+        """More transitions than the unit holds."""
+        for _ in range(10 if self.profile.burst else 0):
+            self.act(self.profile.burst, self.profile.values[self.profile.burst](self.rng))
+            self.step()
+
+    def save(self) -> None:
+        self.saved.append((self.unit.saved(), self.unit.now, list(self.story)))
+
+    def restore(self) -> None:
+        """A state from any time, read before the next step."""
+        if not self.saved:
+            self.save()
+            self.step()
+        content, now, story = self.saved[self.rng.integers(len(self.saved))]
+        self.unit.restore(content).now = now  # the host's sum of steps
+        self.story = list(story)
+
+    def restore_after_reset(self) -> None:
+        self.save()
+        self.unit.call("reset")
+        self.restore()
+
+    def restore_into_initialisation(self) -> None:
+        """A state from before the end of the initialisation, after some steps."""
+        values = self.drawn(self.profile.starts)
+        self.unit.call("reset")
+        early = self.unit.prepare(**values).saved()
+        self.unit.call("exitInitializationMode")
+        self.change()
+        self.step()
+        self.unit.restore(early).call("exitInitializationMode")
+        self.story = [("begin", (0.0, values))]
+
+    def reset(self) -> None:
+        self.unit.call("reset")
+        self.begin()
+
+    def refuse(self) -> None:
+        """A value that no call may take; then a new set-up."""
+        name, value = self.profile.refused[self.rng.integers(len(self.profile.refused))]
+        with pytest.raises(UnitFailure):
+            self.unit.put(name, value)
+        self.reset()
+
+    def refuse_start(self) -> None:
+        """Values that only the end of the initialisation can refuse; then the set-up from before."""
+        if self.profile.impossible:
+            values = self.profile.impossible[self.rng.integers(len(self.profile.impossible))]
+            self.unit.call("reset")
+            self.unit.prepare(**{**self.drawn(self.profile.starts), **values})
+            with pytest.raises(UnitFailure), np.errstate(all="ignore"):
+                self.unit.call("exitInitializationMode")
+            self.unit.call("reset")
+            begin, self.story = self.story[0], []
+            self.act(*begin)
+
+    def terminate(self) -> None:
+        before = self.unit.everything()
+        self.unit.call("terminate")
+        np.testing.assert_array_equal(self.unit.everything(), before)
+        self.reset()
+
+    ACTIONS = ("step", "change", "burst", "save", "restore", "restore_after_reset", "restore_into_initialisation")
+    ACTIONS += ("reset", "refuse", "refuse_start", "terminate")
+    WEIGHTS = (0.36, 0.36, 0.03, 0.08, 0.05, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02)
+
+
+def shown(unit: Loaded) -> Real:
+    """Every value; times of the parts of a loop, which it computes in two ways, without their last digits."""
+    values = unit.everything()
+    numbers = [n for n, v in unit.variables.items() if v.type != "String"]
+    places = [k for k, name in enumerate(numbers) if name.endswith(".time")]
+    values[places] = values[places].round(12)
+    return values
+
+
+@cache
+def history(backend: str, unit: str, seed: int) -> tuple[list[str], Real]:
+    """The actions of a history, and every value after each; compared with fresh instances on the way."""
+    folder = native_folder(unit) if backend == "native" else Workshop().folder(unit)
+    rows, names = [], []
+    with loaded(folder) as instance:
+        life = Life(instance, PROFILES[unit], np.random.default_rng(seed))
+        life.begin()
+        for k in range(LENGTH):
+            action = str(life.rng.choice(Life.ACTIONS, p=Life.WEIGHTS))
+            getattr(life, action)()
+            rows.append(shown(instance))
+            names.append(action)
+            if action not in ("step", "change", "save") or k == LENGTH - 1:
+                with loaded(folder) as fresh:
+                    replay(fresh, life.story)
+                    np.testing.assert_array_equal(shown(fresh), rows[-1], err_msg=f"after action {k}, {action}")
+    return names, np.array(rows)
+
+
+BACKENDS = [pytest.param("native", marks=needs_zig), "python"]
+CASES = [
+    *(pytest.param("native", unit, marks=needs_zig) for unit in PROFILES),
+    *(("python", unit) for unit in PROFILES if unit != "BeamClosedLoop"),
+]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(("backend", "unit"), CASES)
+def test_a_fresh_instance_with_the_same_story_agrees_bit_for_bit(backend: str, unit: str, seed: int) -> None:
+    names, rows = history(backend, unit, seed)
+    assert set(names) >= {"step", "change"}
+    assert np.all(np.isfinite(rows))
+
+
+@needs_zig
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("unit", [unit for unit in PROFILES if unit != "BeamClosedLoop"])
+def test_both_kernels_agree_over_a_history(unit: str, seed: int) -> None:
+    (done, native), (same, python) = (history(backend, unit, seed) for backend in ("native", "python"))
+    assert done == same
+    scale = np.abs(python).max(axis=0)
+    worst = (np.abs(native - python).max(axis=0) / np.where(scale > 0, scale, 1.0)).max()
+    assert worst < 1e-9
+
+
+@pytest.mark.parametrize(("backend", "unit"), CASES)
+def test_the_histories_hold_every_action(backend: str, unit: str) -> None:
+    """One that never restores would show nothing about it, nor one in which no motion ends."""
+    histories = [history(backend, unit, seed) for seed in SEEDS]
+    assert {name for names, _ in histories for name in names} == set(Life.ACTIONS)
+    if PROFILES[unit].burst:
+        folder = native_folder(unit) if backend == "native" else Workshop().folder(unit)
+        numbers = [v.name for v in read_model_description(folder).modelVariables if v.type != "String"]
+        moving = np.concatenate([rows[:, numbers.index(PROFILES[unit].moving)] for _, rows in histories])
+        assert np.diff(moving).min() < 0 < np.diff(moving).max()

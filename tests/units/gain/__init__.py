@@ -1,0 +1,1 @@
+"""A kind of unit of the tests: its record and its kernels."""
