@@ -16,14 +16,17 @@ KINDS = {
     "ospsystem": ("flexbeams.scenarios.exporting.osp:export_osp", "_osp"),
     "closed-loop": ("flexbeams.scenarios.exporting.closed_loop:export_closed_loop", ".fmu"),
     "container": ("flexbeams.scenarios.exporting.container:export_container", ".fmu"),
+    "wiring": ("flexbeams.scenarios.exporting.wiring:export_wiring", "_units"),
 }
+TOOLS = ("veos", "simulink", "dymola", "mastersim", "te1420")
 
 # Options of single formats
 FORMATS_OF = {
     "ssp_version": ("ssp",),
     "parts": ("closed-loop",),
     "with_signals": ("closed-loop",),
-    "flags_as_real": ("ssp", "ospsystem", "closed-loop"),
+    "wiring": ("wiring",),
+    "flags_as_real": ("ssp", "ospsystem", "closed-loop", "wiring"),
 }
 
 
@@ -38,7 +41,8 @@ FORMATS_OF = {
     "ospsystem: a folder (or .zip) with OspSystemStructure.xml and the units, for tools of the Open "
     "Simulation Platform. "
     "closed-loop: one FMU that holds all units and their wiring; the signals stay outside. "
-    "container: the same made of the single units by FMUContainer (extra `containers`).",
+    "container: the same made of the single units by FMUContainer (extra `containers`). "
+    "wiring: a folder (or .zip) with the units and the files of --wiring.",
 )
 @click.option(
     "-o",
@@ -84,6 +88,12 @@ FORMATS_OF = {
     is_flag=True,
     help="For closed-loop: the scenario's signals inside. Else they are in the CSV file <FILE>_in.csv.",
 )
+@click.option(
+    "--wiring",
+    multiple=True,
+    type=click.Choice(TOOLS),
+    help="A folder with the units and their wiring for a tool without SSP. Repeatable.",
+)
 @click.option("--flags-as-real", is_flag=True, help="Boolean outputs as Real, 0 or 1, for hosts that know only Real.")
 @click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s.")
 @click.option("--step", type=POSITIVE, metavar="S", help="Communication step in s.")
@@ -98,7 +108,9 @@ def export(scenario: str, kind: str | None, out: Path | None, platforms: tuple[s
     file = out or Path(f"{Path(scenario).stem}{suffix}")
     if suffix.startswith(".") and exists(file) and not isfile(file):
         raise click.BadParameter("must be a regular file or a new path", param_hint="--out")
-    if kind == "ospsystem" and not file.name:
+    if kind == "wiring" and "wiring" not in extra:
+        raise click.BadParameter(f"must be given with --format wiring: {', '.join(TOOLS)}", param_hint="--wiring")
+    if not suffix.startswith(".") and not file.name:
         raise click.BadParameter("must be a folder, or FILE.zip", param_hint="--out")
     write = getattr(import_module(module), function)
     click.echo(write(scenario, file, Settings(record_animation=False, **options), platforms, note, **extra))
