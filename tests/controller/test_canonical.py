@@ -139,6 +139,7 @@ def case(designs: dict[str, dict[str, Array]], kernel: str, name: str, basis: st
 
 
 @pytest.mark.parametrize(("name", "basis"), CASES)
+@pytest.mark.slow
 def test_every_linear_algebra_gives_one_design(designs: dict[str, dict[str, Array]], name: str, basis: str) -> None:
     """The same id, and arrays within 1e-9 of each one's largest entry."""
     first = case(designs, KERNELS[0], name, basis)

@@ -124,6 +124,7 @@ def follows(made: Design, starts: list[float], durations: list[float], steps: Ar
 
 
 @pytest.mark.parametrize(("name", "duration"), [("kiel", 0.9), ("kiel", 0.5), ("five", 1.2), ("single", 0.4)])
+@pytest.mark.slow
 def test_the_reduced_model_driven_by_u_follows_x(name: str, duration: float) -> None:
     """1e-6 of each state's own maximum, for any target."""
     made = design(name)
@@ -131,6 +132,7 @@ def test_the_reduced_model_driven_by_u_follows_x(name: str, duration: float) -> 
     assert follows(made, [0.03], [duration], goal) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_reduced_model_follows_superposed_transitions() -> None:
     steps = np.random.default_rng(4).uniform(-900, 900, (3, 4))
     assert follows(design("kiel"), [0.02, 0.3, 0.31], [0.9, 0.5, 0.75], steps) < 1e-6

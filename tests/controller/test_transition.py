@@ -11,6 +11,7 @@ ORDERS = [1.9, 1 + 1 / 1.9, 1.3, 1.99]  # (37) read in two ways, and near both b
 
 
 @pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.slow
 def test_derivatives_against_50_digits(order: float) -> None:
     """1e-9 of the derivative's maximum everywhere; 1e-9 of the value itself away from its zeros and ends."""
     tau = np.concatenate([[0.01, 0.0201, 0.05], np.linspace(0.1, 0.9, 9), [0.97, 0.99]])

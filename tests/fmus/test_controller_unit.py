@@ -180,6 +180,7 @@ def closed_loop(unit: Loaded, plant: ReducedPlant, u_ff: Real, x_ref: Real, step
 
 
 @pytest.mark.parametrize(("gain", "left"), [(0.0, (0.2, 1.0)), (4e-4, (0.0, 2e-3))])
+@pytest.mark.slow
 def test_integral_action_removes_an_offset_the_estimate_shows(
     units: BuiltUnits, gain: float, left: tuple[float, float]
 ) -> None:
@@ -200,6 +201,7 @@ def test_integral_action_removes_an_offset_the_estimate_shows(
     assert left[0] <= share <= left[1]
 
 
+@pytest.mark.slow
 def test_anti_windup(units: BuiltUnits) -> None:
     """A reference beyond the limit for 2 s, then one within: the voltage leaves the limit within 20 ms.
 

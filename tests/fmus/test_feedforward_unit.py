@@ -85,6 +85,7 @@ def test_reference_state_follows_the_reduced_model(units: BuiltUnits, structure:
             unit.advance(0.2)
 
 
+@pytest.mark.slow
 def test_outputs_do_not_depend_on_the_steps(units: BuiltUnits) -> None:
     """One run at 4 ms, one of it in parts, one in a single leap between changes of the target."""
     targets = {0: TARGET, 75: -0.5 * TARGET, 175: 0.25 * TARGET}
@@ -120,6 +121,7 @@ def test_transitions_add_up(units: BuiltUnits) -> None:
     np.testing.assert_allclose(found[-1, :4], voltages_of(before), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_transitions_of_different_durations_add_up(units: BuiltUnits) -> None:
     """A short one ends while a long one that began earlier, and one that began later, go on."""
     changes = {0: (TARGET, 1.3), 200: (0.4 * TARGET[::-1], 0.4), 300: (1e-3 * np.ones(4), 0.9), 650: (0 * TARGET, 0.5)}
@@ -259,6 +261,7 @@ def test_starts_at_rest_at_its_first_target(units: BuiltUnits) -> None:
 
 
 @pytest.mark.parametrize(("wanted", "share"), [(0.2, 1.0), (0.6, 1.2), (0.35, 0.5)])
+@pytest.mark.slow
 def test_fast_transition_is_stretched_to_the_limit(units: BuiltUnits, wanted: float, share: float) -> None:
     """Voltages stay within 0.1 % of the limit and come close to it; planned_peak and planned_time tell."""
     with loaded(units("FlatnessFeedforward")) as unit:
@@ -276,6 +279,7 @@ def test_fast_transition_is_stretched_to_the_limit(units: BuiltUnits, wanted: fl
             assert np.abs(trace(faster, 4000, 5e-4, y_target={0: TARGET * share})[:, :4]).max() > 999.0
 
 
+@pytest.mark.slow
 def test_whole_motion_is_kept_within_the_limit(units: BuiltUnits) -> None:
     """Targets to and fro between the limits: each new transition is planned with what is still under way."""
     rng = np.random.default_rng(2)

@@ -15,6 +15,8 @@ from flexbeams.plant.galerkin import BasisName, beam_model
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.native.workshop import HARNESSES, STRICT, ZIG, needs, needs_zig, run, workspace
 
+pytestmark = pytest.mark.native
+
 NUMERICS = HARNESSES.parents[1] / "fmus" / "native" / "numerics"
 SOURCES = ("schur.c", "eigenvectors.c", "modal_build.c", "modal.c", "exact_hold.c")
 CRITICAL_CONDITION = 100.0  # above it the plant takes the dense form

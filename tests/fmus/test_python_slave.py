@@ -436,6 +436,7 @@ def many_instances(folder: str) -> dict[str, Any]:
     return seen
 
 
+@pytest.mark.slow
 def test_many_instances_in_one_process(folder: str, isolated: Callable[..., Any]) -> None:
     seen = isolated(many_instances, folder)
     assert seen["added"] <= 2

@@ -101,7 +101,7 @@ def test_a_page_names_only_files_that_exist(tool: str) -> None:
     text = page(tool)
     for target in re.findall(r"\]\((?!https://)([^)#]+)\)", text):
         assert (FOLDER / target).exists(), target
-    for name in re.findall(r"\btests/\w+\.py", text):
+    for name in re.findall(r"\btests/[\w/]+\.py", text):
         assert (ROOT / name).exists(), name
 
 

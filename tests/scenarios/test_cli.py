@@ -263,6 +263,7 @@ def test_terminal_that_knows_ascii_only(
 
 @pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
 @pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.slow
 def test_ctrl_c_between_python_units(at_run_folder: Path, tmp_path: Path, write_scenario: Write) -> None:
     """It may come while a unit computes, in the same interpreter: the run ends with 130 and what it has."""
     path = write_scenario(

@@ -140,6 +140,7 @@ def run(path: Path, out: Path, *options: str) -> int:
     return main(["run", str(path), "--out", str(out), "--no-figures", "--no-report", *options])
 
 
+@pytest.mark.native
 def test_the_command_writes_the_formats_asked_for(
     at_run_folder: Path, tmp_path: Path, write_scenario: Callable[[str, str], Path]
 ) -> None:
