@@ -4,6 +4,7 @@ Everything is read from the sources with `ast`; imports inside functions count l
 """
 
 import ast
+import re
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cache
@@ -196,6 +197,17 @@ def test_modules_are_short() -> None:
 def test_functions_are_short() -> None:
     found = (function for module in modules() for function in functions(syntax_tree(module), module))
     assert_only({name for name, length in found if length > MAX_FUNCTION_LINES}, LONG_FUNCTIONS)
+
+
+def test_the_guide_for_contributors_names_what_exists() -> None:
+    """Paths of the project in code spans."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    words = {word.rstrip("/") for span in re.findall(r"`([^`\n]+)`", text) for word in span.split()}
+    paths = {
+        word for word in words if re.fullmatch(r"(\.ci|tests|flexbeams|plant|controller|fmus|scenarios)/[\w./]+", word)
+    }
+    assert len(paths) > 20
+    assert {path for path in paths if not (ROOT / path).exists()} == set()
 
 
 def edges(*pairs: tuple[str, Iterable[str]]) -> dict[str, frozenset[str]]:
