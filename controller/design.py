@@ -3,26 +3,30 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from flexbeams.controller.flatness import cancellation_ratio, flat_parameterisation, tabulate_input_shapes
-from flexbeams.controller.kalman import hankel_weights, predictor_gain
-from flexbeams.controller.lqr import lqr_gain
+from flexbeams.controller.gains import control_arrays, offset_gain
+from flexbeams.controller.offsets import OffsetMap, offset_map, uncertainty_of
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reduction import ReducedModel, reduce
+from flexbeams.controller.sampling import sampling_warnings
+from flexbeams.controller.statics import Statics, statics_of, with_statics
 from flexbeams.controller.summary import design_summary
 from flexbeams.controller.transition import transition_of_order
+from flexbeams.controller.verification import verify_design
 from flexbeams.plant.archive import array_bytes
-from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
-from flexbeams.plant.energy import discretise
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
-from flexbeams.plant.statespace import static_gains
+from flexbeams.plant.static_sensitivities import static_sensitivities
 from flexbeams.plant.structure import Structure
+from flexbeams.plant.threads import one_thread
 
+RANK_TOLERANCE = 1e-6  # singular values of static maps below this fraction of the largest are zero
 METHOD = 2  # version of the method; raised by every change that changes a design beyond rounding
 
 
@@ -35,6 +39,16 @@ class Design:
     summary: dict[str, Any]  # figures for people and for --json
     arrays: dict[str, Array]  # the numbers that the units compute with, by name; see compute_design
     design_id: str  # see identify
+
+    @property
+    def integral_gain(self) -> float:
+        """k_I of (45) at the sample time of the design."""
+        return float(self.summary["integral_gain"])
+
+    @property
+    def integral_gain_limit(self) -> float:
+        """Largest k_I for which the closed loop is stable."""
+        return float(self.summary["integral_gain_limit"])
 
     def model(self, basis: BasisName | None = None, order: int | None = None) -> BeamModel:
         """The plant's model: of the design's own basis, or another one of the same structure."""
@@ -49,9 +63,13 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     Arrays: A, B, H_pi, H_pm, H_w, D_pi, D_pm, D_w (reduced, continuous); A_d, B_d (sampled); estimator_gain
     (m, n_pm), feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m; input_series (m + 1,), state_series (m, m, n_u);
     shape_times, shape_values; transition_table, transition_constants (exponent, norm).
-    Raises DesignError where a step has no acceptable result.
+    Raises DesignError where a step has no acceptable result, or where the closed loop is unstable on a full plant.
     """
-    options = options or DesignOptions()
+    with one_thread():
+        return _compute(structure, options or DesignOptions())
+
+
+def _compute(structure: Structure, options: DesignOptions) -> Design:
     try:
         model = beam_model(structure, options.basis, options.basis_order)
     except InputError as error:
@@ -64,18 +82,43 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
         output_weight=options.balanced_norm,
         static_correction=options.static_correction,
     )
+    warnings = sampling_warnings(reduced, options, len(structure.beam))
+    statics = statics_of(model, options)
+    if options.static_maps != "basis":
+        reduced = with_statics(reduced, statics)
     motion, cancellation = _motion_arrays(reduced, options)
     arrays = {
         **_model_arrays(reduced),
-        **_control_arrays(reduced, options),
-        "static_inverse": _static_inverse(model, system, reduced, options),
+        **control_arrays(reduced, options),
+        "static_inverse": _static_inverse(statics, reduced, options),
         **motion,
     }
-    summary = design_summary(model, system, reduced, options, arrays)
-    summary["flatness_cancellation"] = cancellation
+    offsets = _offsets(statics, options)
+    if offsets:
+        arrays |= {"offset_map": offsets.W, "offset_gain": offset_gain(options, len(reduced.H_pm))}
+    verification = verify_design(model, arrays, options, partial(control_arrays, reduced))
+    summary = {
+        **design_summary(model, system, reduced, options, arrays),
+        **verification.figures(),
+        **({"offsets": offsets.figures()} if offsets else {}),
+        "flatness_cancellation": cancellation,
+        "warnings": warnings + verification.warnings(),
+    }
     reliable = reduced.position_coordinates.reliable and reduced.velocity_coordinates.reliable
-    design_id = identify(structure, options, None if reliable else arrays)
+    design_id = identify(structure, options, arrays, with_fingerprint=not reliable)
     return Design(structure=structure, options=options, summary=summary, arrays=arrays, design_id=design_id)
+
+
+def _offsets(statics: Statics, options: DesignOptions) -> OffsetMap | None:
+    if options.observer == "paper":
+        return None
+    names = list(statics.model.structure.parameters())
+    return offset_map(
+        static_sensitivities(statics.model),
+        uncertainty_of(names, options.uncertainty),
+        noise=options.weights.offset_strain_noise,
+        voltage=options.voltage_limit,
+    )
 
 
 def _model_arrays(reduced: ReducedModel) -> dict[str, Array]:
@@ -83,37 +126,10 @@ def _model_arrays(reduced: ReducedModel) -> dict[str, Array]:
     return {name: getattr(reduced, name) for name in names}
 
 
-def _control_arrays(reduced: ReducedModel, options: DesignOptions) -> dict[str, Array]:
-    """The sampled model (41) with the gains of filter (42), (46) and regulator (44), (47)."""
-    weights, k = options.weights, reduced.position_states
-    A_d, B_d = discretise(reduced.A, reduced.B, options.sample_time)
-    sigma = reduced.hankel_position[:k], reduced.hankel_velocity[:k]
-    rotation = reduced.rotation
-    Q_o = hankel_weights(
-        *sigma, total=weights.kalman_q_total, position=weights.kalman_q_position, velocity=weights.kalman_q_velocity
-    )
-    Q_c = hankel_weights(
-        *sigma, total=weights.lqr_q_total, position=weights.lqr_q_position, velocity=weights.lqr_q_velocity
-    )
-    R_o = weights.kalman_measurement * np.eye(len(reduced.H_pm))
-    R_c = weights.lqr_input * np.eye(B_d.shape[1])
-    return {
-        "A_d": A_d,
-        "B_d": B_d,
-        "estimator_gain": predictor_gain(A_d, reduced.H_pm, rotation.T @ np.diag(Q_o) @ rotation, R_o),
-        "feedback_gain": lqr_gain(A_d, B_d, rotation.T @ np.diag(Q_c) @ rotation, R_c),
-    }
-
-
-def _static_inverse(
-    model: BeamModel, system: SecondOrderSystem, reduced: ReducedModel, options: DesignOptions
-) -> Array:
+def _static_inverse(statics: Statics, reduced: ReducedModel, options: DesignOptions) -> Array:
     """G_0^+ (n_u, n_pi), V/m: voltages that hold deflections at rest."""
-    if options.static_gain == "full":
-        gain, _ = static_gains(model, system)
-    else:
-        gain = reduced.static_gain()[0] + reduced.D_pi
-    return np.asarray(np.linalg.pinv(gain), dtype=np.float64)
+    gain = statics.deflection if options.static_gain == "full" else reduced.static_gain()[0] + reduced.D_pi
+    return np.asarray(np.linalg.pinv(gain, rcond=RANK_TOLERANCE), dtype=np.float64)
 
 
 def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[str, Array], float]:
@@ -133,15 +149,21 @@ def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[
     return arrays, cancellation_ratio(flat, transition, options.transition_time)
 
 
-def identify(structure: Structure, options: DesignOptions, arrays: dict[str, Array] | None = None) -> str:
+def identify(
+    structure: Structure, options: DesignOptions, arrays: dict[str, Array], with_fingerprint: bool = False
+) -> str:
     """The design_id: a hash of structure, options and METHOD, equal on every machine.
 
     Designs with equal ids fit each other: their arrays agree to about 1e-9. Where the truncation separates nearly
-    equal singular values they do not, and a fingerprint of `arrays` follows the hash.
+    equal singular values they do not, and a fingerprint of `arrays` follows the hash. Static maps from a file count by
+    their contents.
     """
-    text = json.dumps({"method": METHOD, "structure": asdict(structure), "options": asdict(options)}, sort_keys=True)
+    choices = asdict(options)
+    if options.static_maps not in ("basis", "segment"):
+        choices["static_maps"] = fingerprint({name: arrays[name] for name in ("D_pi", "D_pm", "static_inverse")})
+    text = json.dumps({"method": METHOD, "structure": asdict(structure), "options": choices}, sort_keys=True)
     name = hashlib.sha256(text.encode()).hexdigest()[:32]
-    return name if arrays is None else f"{name}-{fingerprint(arrays)[:8]}"
+    return f"{name}-{fingerprint(arrays)[:8]}" if with_fingerprint else name
 
 
 def fingerprint(arrays: dict[str, Array]) -> str:

@@ -8,13 +8,18 @@ from pydantic.dataclasses import dataclass
 
 from flexbeams.controller.reduction import OutputWeight
 from flexbeams.controller.transition import LOWEST_ORDER
+from flexbeams.plant.errors import InputError
 from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName
-from flexbeams.plant.validation import STRICT, Index, Positive
+from flexbeams.plant.validation import STRICT, Index, NonNegative, Positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Weights:
-    """Weights (46), (47) of filter and regulator; the defaults are the published ones."""
+    """Weights (46), (47) of filter and regulator; the defaults are the published ones.
+
+    Those of the filter are covariances of one sample of 0.2 ms; other sample times convert them as noise densities.
+    The last two are of the offset-free observer.
+    """
 
     kalman_measurement: Positive = 20.0  # R_o / I, strain^2 in SI
     kalman_q_total: Positive = 50.0
@@ -23,7 +28,9 @@ class Weights:
     lqr_input: Positive = 0.01  # R_c / I
     lqr_q_total: Positive = 200.0
     lqr_q_position: Positive = 10.0
-    lqr_q_velocity: Positive = 1e-3
+    lqr_q_velocity: NonNegative = 1e-3
+    offset_time_constant: Positive = 0.2  # s, of the offset-free observer's strain offsets
+    offset_strain_noise: Positive = 1e-8  # m/m, standard deviation of the strain offsets that errors have to exceed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
@@ -35,13 +42,25 @@ class DesignOptions:
     reduced_modes: Index = 5  # N_r: position and velocity states retained of each beam
     output_weight: OutputWeight | None = None  # default: identity for clamped_free, energy for segment
     static_correction: Annotated[bool, Field(strict=True)] = True  # direct terms that carry the truncated modes at rest
+    static_maps: Annotated[str, Field(min_length=1)] = "basis"  # statics of the "basis", of "segment", or a CSV file
+    observer: Literal["paper", "offset_free"] = "paper"
+    # relative half widths, such as {"patch[].piezo_ratio" = 0.1}, for offset_free; default: 0.1 for every parameter
+    uncertainty: dict[str, NonNegative] | None = None
     static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
     sample_time: Positive = 2e-4  # s
     transition_time: Annotated[float, Field(ge=1e-3, le=1e4, strict=True)] = 0.9  # s, as the unit's bounds
     gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9
     voltage_limit: Positive = 1000.0  # V
-    integral_gain: Annotated[float, Field(ge=0, le=1, strict=True)] = 1e-4  # k_I of (45), a sample
+    # k_I of (45) a sample of 0.2 ms; default: 1e-4, but at most a third of the largest stable gain; offset-free: 0
+    integral_gain: Annotated[float, Field(ge=0, strict=True, allow_inf_nan=False)] | None = None
+    verify: Literal["exact", "design"] = "exact"  # plants on which the closed loop must be stable: also the exact one
     weights: Weights = field(default_factory=Weights)
+
+    def __post_init__(self) -> None:
+        if self.static_maps != "basis" and not self.static_correction:
+            raise InputError("static_maps", "must be 'basis' without static_correction", self.static_maps)
+        if self.observer == "offset_free" and not self.static_correction:
+            raise InputError("observer", "must be 'paper' without static_correction", self.observer)
 
     @property
     def basis_order(self) -> int:

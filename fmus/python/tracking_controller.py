@@ -17,30 +17,34 @@ class TrackingController(Unit):
         self._u, self._y_est, self._x_est = self.view("u"), self.view("y_est"), self.view("x_est")
         self._feedback, self._integral_gain = self.view("feedback"), self.view("integral_gain")
         self._limit, self._saturated = self.view("voltage_limit"), self.view("saturated")
-        self._signals = self.values[self.span("y_pm").start : self.span("x_est").stop]
-        n_u, m = len(self._u), len(self._x_est)
-        by_state, by_voltage, gauges = np.split(self.data["filter"], (m, m + n_u), axis=1)
-        self._predict = self._side_by_side(x_est=by_state, u=by_voltage, y_pm=gauges)
+        n_u, m, states = len(self._u), len(self._x_est), len(self.data["filter"])
+        first = self.span("x_est").start
+        self._estimate = self.values[first : first + states]  # x_est, then the offsets of the offset-free observer
+        self._offsets = self._estimate[m:]
+        self._signals = self.values[self.span("y_pm").start : first + states]
+        by_estimate, by_voltage, gauges = np.split(self.data["filter"], (states, states + n_u), axis=1)
+        self._predict = self._side_by_side(x_est=by_estimate, u=by_voltage, y_pm=gauges)
         # rows for w - z = u_ff + K (x_ref - x_est), then rows for the growth of z by k_I
-        states, voltages = np.split(self.data["regulator"], (m,), axis=1)
+        errors, voltages = np.split(self.data["regulator"], (states,), axis=1)
         through = np.vstack([np.eye(n_u), np.zeros((n_u, n_u))])
-        self._regulate = self._side_by_side(x_ref=states, x_est=-states, u_ff=through + voltages, u=-voltages)
+        self._regulate = self._side_by_side(x_ref=errors[:, :m], x_est=-errors, u_ff=through + voltages, u=-voltages)
         self._estimates = self.data["estimates"]
         self._integral = self.state_array("integral", n_u)  # V
         self._tick = self.state_array("tick", 1, np.int64)  # ticks run since the start
 
     def _side_by_side(self, **parts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The matrix that applies each part to the variable of its name among the unit's signals."""
+        """The matrix that applies each part to the unit's signals, from the variable of its name on."""
         matrix = np.zeros((len(next(iter(parts.values()))), len(self._signals)))
         first = self.span("y_pm").start
         for name, part in parts.items():
-            span = self.span(name)
-            matrix[:, span.start - first : span.stop - first] = part
+            begin = self.span(name).start - first
+            matrix[:, begin : begin + part.shape[1]] = part
         return matrix
 
     def initialise(self) -> None:
         """The estimate starts on the reference, the voltages on the feedforward's."""
         self._x_est[:] = self._x_ref
+        self._offsets[:] = 0.0
         self._integral[:] = 0.0
         self._tick[0] = 0
         self._write_outputs(self._u_ff)
@@ -54,8 +58,9 @@ class TrackingController(Unit):
             self._tick[0] += 1
 
     def _run_tick(self) -> None:
-        self._x_est[:] = self._predict @ self._signals
+        self._estimate[:] = self._predict @ self._signals
         if not self._feedback[0]:
+            self._offsets[:] = 0.0
             self._integral[:] = 0.0
             self._write_outputs(self._u_ff)
             return
@@ -72,5 +77,5 @@ class TrackingController(Unit):
         saturated = bool(voltages.max() > limit or voltages.min() < -limit)
         self._u[:] = np.clip(voltages, -limit, limit) if saturated else voltages
         self._saturated[0] = saturated
-        self._y_est[:] = self._estimates @ np.concatenate((self._x_est, self._u))
+        self._y_est[:] = self._estimates @ np.concatenate((self._estimate, self._u))
         return saturated

@@ -25,7 +25,7 @@ def controller_experiments(design: Design, model: BeamModel) -> list[Experiment]
         (
             "limited",
             "The same with a voltage limit that is reached, and a faster integral",
-            {"integral_gain": 0.01, "voltage_limit": float(f"{0.4 * limit:.4g}")},
+            {"integral_gain": 0.9 * design.integral_gain_limit, "voltage_limit": float(f"{0.4 * limit:.4g}")},
         ),
     ):
         values = controller_response(design, stimuli.values, **parameters)
@@ -49,24 +49,28 @@ def controller_response(
     """u, y_est and saturated (0 or 1), (k, n_u + n_pi + 1), at the ticks to which y_pm, u_ff, x_ref (k, .) belong.
 
     (42c), (44), (45) with clipped voltages; an integral that drives a voltage further beyond the limit is held.
+    With the offset-free observer the strain offsets d have a target calculator of their own.
     """
     a, options = design.arrays, design.options
     A, B, H, D, L, K, G = (
         a[n] for n in ("A_d", "B_d", "H_pm", "D_pm", "estimator_gain", "feedback_gain", "static_inverse")
     )
-    gain = options.integral_gain if integral_gain is None else integral_gain
+    gain = design.integral_gain if integral_gain is None else integral_gain
     limit = options.voltage_limit if voltage_limit is None else voltage_limit
     n_u, n_pm = B.shape[1], len(H)
     y_pm, u_ff, x_ref = inputs[:, :n_pm], inputs[:, n_pm : n_pm + n_u], inputs[:, n_pm + n_u :]
-    x, integral, wanted = x_ref[0], np.zeros(n_u), u_ff[0]
+    W, rate = a.get("offset_map", np.zeros((len(a["H_pi"]), n_pm))), a.get("offset_gain", np.zeros(n_pm))
+    x, integral, wanted, d = x_ref[0], np.zeros(n_u), u_ff[0], np.zeros(n_pm)
     rows = []
     for k in range(len(inputs)):
         u = np.clip(wanted, -limit, limit)
-        rows.append(np.concatenate([u, a["H_pi"] @ x + a["D_pi"] @ u, [np.any(np.abs(wanted) > limit)]]))
-        innovation = y_pm[k] - H @ x - D @ u
+        rows.append(np.concatenate([u, a["H_pi"] @ x + a["D_pi"] @ u + W @ d, [np.any(np.abs(wanted) > limit)]]))
+        innovation = y_pm[k] - H @ x - D @ u - d
         x_next = A @ x + B @ u + L @ innovation
-        error = a["H_pi"] @ (x_ref[k] - x_next) + a["D_pi"] @ (u_ff[k] - u)
-        wanted = u_ff[k] + K @ (x_ref[k] - x_next) + integral
+        d = d + rate * innovation
+        du = -G @ (W @ d)
+        error = a["H_pi"] @ (x_ref[k] - x_next) + a["D_pi"] @ (u_ff[k] - u) - W @ d
+        wanted = u_ff[k] + du + K @ (x_ref[k] + np.linalg.solve(np.eye(len(A)) - A, B @ du) - x_next) + integral
         growth = gain * (G @ error)
         integral = integral + np.where((np.abs(wanted) > limit) & (wanted * growth > 0), 0.0, growth)
         x = x_next

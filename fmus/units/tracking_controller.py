@@ -30,6 +30,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
                 initial_inputs=("x_ref",),
                 description="Estimate of reduced state {}",
             ),
+            *_offsets(design),
             *_parameters(design),
             design_id_variable(design),
         ),
@@ -38,6 +39,19 @@ def declare(design: Design, model: BeamModel) -> Interface:
         description="Kalman filter, linear-quadratic regulator and integral action "
         f"with a sample time of {design.options.sample_time:g} s and {m} states",
     )
+
+
+def _offsets(design: Design) -> Iterator[Variable]:
+    """The strain offsets of the offset-free observer; they follow x_est."""
+    if "offset_map" in design.arrays:
+        yield from array(
+            "offset",
+            len(design.arrays["H_pm"]),
+            causality="local",
+            unit="1",
+            nominal=1e-5,
+            description="Estimated strain offset of gauge {}: the strain that the model does not explain",
+        )
 
 
 def _inputs(design: Design) -> Iterator[Variable]:
@@ -100,10 +114,11 @@ def _parameters(design: Design) -> Iterator[Variable]:
         causality="parameter",
         variability="tunable",
         unit="1",
-        start=design.options.integral_gain,
+        start=design.integral_gain,
         minimum=0.0,
-        maximum=1.0,
-        description="k_I of (45), fraction of the deflection error corrected in each sample",
+        maximum=design.integral_gain_limit,
+        description="k_I of (45), fraction of the deflection error corrected per sample; above the maximum the closed "
+        "loop is unstable",
     )
     yield Variable(
         name="voltage_limit",
@@ -128,9 +143,11 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
 
 def native_data(interface: Interface, data: UnitData) -> Fields:
     """The fields of TrackingControllerData."""
-    states, voltages, points, gauges = (len(interface.references(name)) for name in ("x_est", "u", "y_est", "y_pm"))
+    reduced, voltages, points, gauges = (len(interface.references(name)) for name in ("x_est", "u", "y_est", "y_pm"))
+    states = len(data.arrays["filter"])
     return {
         "states": states,
+        "reduced_states": reduced,
         "voltages": voltages,
         "points": points,
         "gauges": gauges,
@@ -180,6 +197,11 @@ A steady-state Kalman filter, equation (42) of the paper, a linear-quadratic reg
 = x_est(k+1) = A_d x_est(k) + B_d u(k) + L (y_pm(k) − H_pm x_est(k) − D_pm u(k))
 = w(k) = u_ff(k) + K (x_ref(k) − x_est(k)) + z(k) ; u(k) = min(max(w(k) , −u_max) , u_max)
 = z(k+1) = z(k) + k_I G_0^+ (H_pi (x_ref − x_est) + D_pi (u_ff − u))
+A unit with the variables offset has the offset-free observer: d = offset are strains that the model does not explain,
+W d the deflections that belong to them over the declared uncertainty of the parameters, and l their rate:
+= d(k+1) = d(k) + l (y_pm(k) − H_pm x_est(k) − D_pm u(k) − d(k)) ; δu = −G_0^+ W d
+= w(k) = u_ff(k) + δu(k) + K (x_ref(k) + (I − A_d)^−1 B_d δu(k) − x_est(k)) + z(k)
+d is also subtracted where x_est is corrected, and W d is added to y_est. Without feedback, d is zero.
 G₀⁺ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
 factor alone would destabilise. A voltage at its limit u_max = voltage_limit does not integrate further out. With
 feedback off, the feedforward's voltages pass through.

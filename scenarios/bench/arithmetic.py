@@ -36,7 +36,7 @@ def matrices_of(design: Design, model: BeamModel) -> Matrices:
         filter=tick.filter,
         regulator=tick.regulator,
         estimates=tick.estimates,
-        gain=design.options.integral_gain,
+        gain=design.integral_gain,
         limit=design.options.voltage_limit,
     )
 

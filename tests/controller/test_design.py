@@ -161,11 +161,15 @@ def test_id_depends_on_every_option() -> None:
         "output_weight": "energy",
         "static_correction": False,
         "static_gain": "reduced",
+        "static_maps": "segment",
+        "observer": "offset_free",
+        "uncertainty": {"spring[].stiffness": 0.2},
         "sample_time": 1e-4,
         "transition_time": 0.8,
         "gevrey_order": 1.8,
         "voltage_limit": 900.0,
-        "integral_gain": 2e-4,
+        "integral_gain": 2e-5,
+        "verify": "design",
         "weights": Weights(lqr_input=0.02),
     }
     assert set(others) == {f.name for f in fields(DesignOptions)}
@@ -181,10 +185,10 @@ def test_id_depends_on_every_option() -> None:
 
 def test_id_is_that_of_the_inputs_where_coordinates_are_reliable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not of the arrays' last bits; but of the method's version."""
-    assert design().design_id == identify(KIEL, DesignOptions())
+    assert design().design_id == identify(KIEL, DesignOptions(), {})
     assert design().summary["truncation_gap"] > RELIABLE_GAP
     monkeypatch.setattr("flexbeams.controller.design.METHOD", 10**6)
-    assert identify(KIEL, DesignOptions()) != design().design_id
+    assert identify(KIEL, DesignOptions(), {}) != design().design_id
 
 
 def test_unreliable_coordinates_carry_a_fingerprint(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -303,6 +307,7 @@ def test_a_cut_file_is_refused(written: Path) -> None:
         ({"gevrey_order": 1.0}, r"gevrey_order must be >= 1.2, got 1.0"),
         ({"gevrey_order": 2.0}, r"gevrey_order must be < 2, got 2.0"),
         ({"gevrey_order": math.nan}, r"gevrey_order must be .*, got nan"),
+        ({"verify": "reduced"}, r"verify must be 'exact' or 'design', got 'reduced'"),
         ({"integral_gain": -1e-5}, r"integral_gain must be >= 0, got -1e-05"),
         ({"static_correction": 1}, r"static_correction must be true or false, got 1"),
         ({"weights": {"lqr_input": 0.0}}, r"weights.lqr_input must be finite and > 0, got 0.0"),

@@ -141,9 +141,9 @@ def test_ticks_are_counted_far_from_zero(units: BuiltUnits) -> None:
 def test_without_feedback_the_feedforward_passes(units: BuiltUnits) -> None:
     """Within the limit as it is; the filter goes on; switched on again, feedback starts without integral."""
     y_pm, u_ff, x_ref = signals("kiel", 120)
-    other = Recursion(limit=500.0, integral_gain=1e-2).begin(u_ff[0], x_ref[0])
+    other = Recursion(limit=500.0, integral_gain=1e-3).begin(u_ff[0], x_ref[0])
     with loaded(units("TrackingController")) as unit:
-        unit.begin(u_ff=u_ff[0], x_ref=x_ref[0], voltage_limit=500.0, integral_gain=1e-2)
+        unit.begin(u_ff=u_ff[0], x_ref=x_ref[0], voltage_limit=500.0, integral_gain=1e-3)
         for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True)):
             if k in (40, 80):
                 other.feedback = not other.feedback

@@ -88,13 +88,13 @@ PROFILES = {
     ),
     "TrackingController": Profile(
         steps=(2e-4, 1e-3, 5e-5, 7e-4),
-        starts={"u_ff": normal(300.0, 4), "x_ref": normal(1e-2, 30), "integral_gain": uniform(0.0, 1e-2)},
+        starts={"u_ff": normal(300.0, 4), "x_ref": normal(1e-2, 30), "integral_gain": uniform(0.0, 1e-3)},
         values={
             "y_pm": normal(3e-5, 6),
             "u_ff": normal(400.0, 4),
             "x_ref": normal(1e-2, 30),
             "feedback": switch,
-            "integral_gain": uniform(0.0, 1e-2),
+            "integral_gain": uniform(0.0, 1e-3),
             "voltage_limit": uniform(300.0, 1000.0),
         },
         refused=[("y_pm[3]", np.nan), ("integral_gain", 1.5), ("voltage_limit", -1.0)],

@@ -125,7 +125,7 @@ MISUSES: list[tuple[str, str, str, tuple[Any, ...], str]] = [
     ),
     (P, "initialising", "setInteger", (["noise_seed"], [-3]), "noise_seed must be >= 0, got -3"),
     (P, "initialising", "setReal", (["beam[2].tip_mass"], [-0.5]), "beam[2].tip_mass must be >= 0.0, got -0.5"),
-    (C, "stepping", "setReal", (["integral_gain"], [1.5]), "integral_gain must be <= 1.0, got 1.5"),
+    (C, "stepping", "setReal", (["integral_gain"], [1.5]), "integral_gain must be <= 0.0012, got 1.5"),
     (F, "stepping", "setReal", (["transition_time"], [1e-4]), "transition_time must be >= 0.001, got 0.0001"),
     (P, "stepping", "setReal", (["u[2]"], [float("nan")]), "u[2] must be finite, got nan"),
     (P, "initialising", "setReal", (["force[3]"], [float("-inf")]), "force[3] must be finite, got -inf"),

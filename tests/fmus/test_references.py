@@ -384,10 +384,12 @@ def test_a_unit_that_refuses_an_experiment_is_at_fault(tmp_path: Path, capsys: p
     file = rewritten(
         built() / "TrackingController.fmu",
         tmp_path / "refusing.fmu",
-        lambda name, content: content.replace(b'value="0.01"', b'value="1.5"'),
+        lambda name, content: content.replace(b'value="0.00108"', b'value="1.5"'),
     )
     assert main(["validate", str(file)]) == 1
-    assert "reference limited: unit failed at 0 s in setReal: integral_gain must be <= 1" in capsys.readouterr().out
+    assert (
+        "reference limited: unit failed at 0 s in setReal: integral_gain must be <= 0.0012" in capsys.readouterr().out
+    )
 
 
 # What others write

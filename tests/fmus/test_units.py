@@ -295,7 +295,7 @@ def test_start_at_another_time(workshop: Workshop, unit: str) -> None:
         ("FlatnessFeedforward", "preview", -1.0, "preview must be >= 0.0, got -1.0"),
         ("FlatnessFeedforward", "voltage_limit", -1.0, "voltage_limit must be >= 0.0, got -1.0"),
         ("TrackingController", "y_pm[6]", np.nan, "y_pm[6] must be finite, got nan"),
-        ("TrackingController", "integral_gain", 1.5, "integral_gain must be <= 1.0, got 1.5"),
+        ("TrackingController", "integral_gain", 1.5, "integral_gain must be <= 0.0012, got 1.5"),
         ("TrackingController", "voltage_limit", -5.0, "voltage_limit must be >= 0.0, got -5.0"),
         ("TrackingController", "u[1]", 1.0, "u[1] is output and cannot be set, got 1.0"),
     ],

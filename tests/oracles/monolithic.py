@@ -225,7 +225,7 @@ def simulate(
         return results | plant_run(plant, start, reference.u_ff, held, forces)
 
     options, a = design.options, design.arrays
-    loop = loop_matrices(design, options.integral_gain if integral_gain is None else integral_gain)
+    loop = loop_matrices(design, design.integral_gain if integral_gain is None else integral_gain)
     limit = options.voltage_limit if controller_limit is None else controller_limit
     per_step = Fraction(step).limit_denominator(10**9) / Fraction(options.sample_time).limit_denominator(10**9)
     ticks = [int(-(-(k * per_step) // 1)) for k in range(steps + 1)]

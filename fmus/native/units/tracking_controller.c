@@ -52,18 +52,27 @@ static void write_commands(UnitInstance *unit, const double *commanded)
                     state_and_input, false, unit->values + controller->y_est);
 }
 
+static void clear_offsets(UnitInstance *unit)
+{
+    const TrackingControllerData *const controller = unit->data;
+    for (size_t k = controller->reduced_states; k < controller->states; k++)
+        unit->values[controller->x_est + k] = 0.0;
+}
+
 /* The estimate starts on the reference, the voltages on the feedforward's. */
 static bool tracking_controller_initialise(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
     memcpy(unit->values + controller->x_est, unit->values + controller->x_ref,
-           controller->states * sizeof *unit->values);
+           controller->reduced_states * sizeof *unit->values);
+    clear_offsets(unit);
     memset(unit->state, 0, tracking_controller_state_size(controller) * sizeof *unit->state);
     write_commands(unit, unit->values + controller->u_ff);
     return true;
 }
 
-/* x_est(k+1) = A_d x_est + B_d u + L (y_pm - H_pm x_est - D_pm u), from the last tick's measurement and voltage. */
+/* x_est(k+1) = A_d x_est + B_d u + L (y_pm - H_pm x_est - D_pm u), from the last tick's measurement and voltage. With
+   strain offsets d, which follow x_est: d(k+1) = d + l e, and their reference is zero. */
 static void estimate_state(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
@@ -93,8 +102,10 @@ static void regulate(UnitInstance *unit)
     double *const error = unit->workspace;
     double *const commanded = error + states + voltages + controller->gauges;
     double *const growth = commanded + voltages;
-    for (size_t k = 0; k < states; k++)
+    for (size_t k = 0; k < controller->reduced_states; k++)
         error[k] = x_ref[k] - x_est[k];
+    for (size_t k = controller->reduced_states; k < states; k++)
+        error[k] = -x_est[k];
     for (size_t k = 0; k < voltages; k++)
         error[states + k] = u_ff[k] - u[k];
     multiply_panels(2 * voltages, states + voltages, controller->regulator, error, false, commanded);
@@ -119,6 +130,7 @@ static void run_tick(UnitInstance *unit)
         return;
     }
     memset(integral_of(unit), 0, controller->voltages * sizeof(double));
+    clear_offsets(unit);
     write_commands(unit, unit->values + controller->u_ff);
 }
 

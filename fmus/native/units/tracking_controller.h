@@ -6,7 +6,8 @@
 #include "unit.h"
 
 typedef struct {
-    size_t states;
+    size_t states;         /* estimated: the reduced states and, offset-free, a strain offset of each gauge */
+    size_t reduced_states; /* those that have a reference */
     size_t voltages;
     size_t points;
     size_t gauges;
@@ -18,7 +19,7 @@ typedef struct {
     unsigned u;
     unsigned y_est;
     unsigned saturated;
-    unsigned x_est;
+    unsigned x_est; /* the offsets follow */
     unsigned feedback;
     unsigned integral_gain;
     unsigned voltage_limit;

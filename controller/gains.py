@@ -1,0 +1,48 @@
+"""The sampled model with the gains of filter and regulator, from densities and rates that hold at any sample time."""
+
+import numpy as np
+
+from flexbeams.controller.kalman import hankel_weights, predictor_gain
+from flexbeams.controller.lqr import lqr_gain
+from flexbeams.controller.options import DesignOptions
+from flexbeams.controller.reduction import ReducedModel
+from flexbeams.plant.basis import Array
+from flexbeams.plant.energy import discretise
+
+PUBLISHED_SAMPLE_TIME = 2e-4  # s, at which the published weights are covariances of one sample
+
+
+def sample_ratio(options: DesignOptions) -> float:
+    """Sample time as a multiple of the published one; exactly 1 there."""
+    return options.sample_time / PUBLISHED_SAMPLE_TIME
+
+
+def offset_gain(options: DesignOptions, gauges: int) -> Array:
+    """l (n_pm,): fraction of the innovation that enters each strain offset in a sample."""
+    return np.full(gauges, -np.expm1(-options.sample_time / options.weights.offset_time_constant))
+
+
+def control_arrays(reduced: ReducedModel, options: DesignOptions) -> dict[str, Array]:
+    """A_d, B_d (41), estimator_gain of (42), (46) and feedback_gain of (44), (47).
+
+    Process and measurement noise are densities: over a sample of length T the first grows to Q T, the second falls
+    to R / T. The regulator's cost is an integral, whose weights all scale with T.
+    """
+    weights, k, ratio = options.weights, reduced.position_states, sample_ratio(options)
+    A_d, B_d = discretise(reduced.A, reduced.B, options.sample_time)
+    sigma = reduced.hankel_position[:k], reduced.hankel_velocity[:k]
+    rotation = reduced.rotation
+    Q_o = hankel_weights(
+        *sigma, total=weights.kalman_q_total, position=weights.kalman_q_position, velocity=weights.kalman_q_velocity
+    )
+    Q_c = hankel_weights(
+        *sigma, total=weights.lqr_q_total, position=weights.lqr_q_position, velocity=weights.lqr_q_velocity
+    )
+    R_o = weights.kalman_measurement / ratio * np.eye(len(reduced.H_pm))
+    R_c = weights.lqr_input * np.eye(B_d.shape[1])
+    return {
+        "A_d": A_d,
+        "B_d": B_d,
+        "estimator_gain": predictor_gain(A_d, reduced.H_pm, rotation.T @ np.diag(Q_o * ratio) @ rotation, R_o),
+        "feedback_gain": lqr_gain(A_d, B_d, rotation.T @ np.diag(Q_c) @ rotation, R_c),
+    }

@@ -1,0 +1,117 @@
+"""The loop that is closed: its matrix against a simulation, and its poles."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from flexbeams.controller.closed_loop import (
+    SampledPlant,
+    closed_loop_matrix,
+    closed_loop_poles,
+    sampled_controller,
+    sampled_plant,
+    slow_plant,
+)
+from flexbeams.plant.basis import Array
+from flexbeams.plant.galerkin import BasisName
+from tests.helpers import design_of
+from tests.oracles.monolithic import largest_difference, loop_matrices, plant_matrices, simulate
+
+SAMPLE = 2e-4
+
+
+@cache
+def plant(basis: BasisName, structure: str = "kiel") -> SampledPlant:
+    return sampled_plant(design_of(structure).model(basis), SAMPLE)
+
+
+def oracle_poles(structure: str, basis: BasisName, integral_gain: float) -> Array:
+    """Poles of the oracle's recursion, written apart: state (plant, x_est, integral, u)."""
+    made = design_of(structure)
+    matrices = plant_matrices(made.model(basis), SAMPLE)
+    loop = loop_matrices(made, integral_gain)
+    n, (m, n_u), n_pm = len(matrices.A), made.arrays["B_d"].shape, len(made.arrays["H_pm"])
+    s = slice(0, m + 2 * n_u)
+    gauges = slice(m + 2 * n_u, m + 2 * n_u + n_pm)
+    keep = np.hstack([np.zeros((n_u, m)), np.eye(n_u), np.zeros((n_u, n_u))])
+    integral = loop.growth[:, s] + keep
+    rows = [
+        np.hstack([matrices.A, np.zeros((n, m + n_u)), matrices.B]),
+        *(
+            np.hstack([matrix[:, gauges] @ matrices.y_pm, own])
+            for matrix, own in (
+                (loop.estimate, loop.estimate[:, s]),
+                (loop.growth, integral),
+                (loop.wanted, loop.wanted[:, s]),
+            )
+        ),
+    ]
+    return np.asarray(np.log(np.linalg.eigvals(np.vstack(rows)).astype(complex)) / SAMPLE)
+
+
+@pytest.mark.parametrize("basis", ["clamped_free", "segment"])
+@pytest.mark.parametrize("extra_delay", [0, 3])
+def test_the_matrix_is_the_recursion(basis: BasisName, extra_delay: int) -> None:
+    """Powers of the loop's matrix against 1500 samples of the simulated loop, from a plant bent by voltages."""
+    made, here = design_of(), plant(basis)
+    bent = np.array([300.0, -200.0, 100.0, -50.0])
+    x = np.linalg.solve(np.eye(len(here.A)) - here.A, here.B @ bent)
+    controller = sampled_controller(made.arrays, 4e-4)
+    loop = closed_loop_matrix(controller, here, extra_delay)
+    state = np.zeros(len(loop))
+    state[: len(x)] = x
+    y = np.zeros((1501, len(here.H_pi)))
+    for k in range(1501):
+        y[k] = here.H_pi @ state[: len(x)]
+        state = loop @ state
+    if extra_delay == 0:
+        run = simulate(made, made.model(basis), steps=1500, rest_voltage=bent, integral_gain=4e-4, controller_limit=1e9)
+        assert largest_difference(y, run["plant.y_pi"]) < 1e-9
+        return
+    delayed, x_c, queue = np.zeros_like(y), np.zeros(len(controller.A)), [np.zeros(4)] * extra_delay
+    for k in range(1501):
+        delayed[k] = here.H_pi @ x
+        queue.append(controller.C @ x_c)
+        x_c = controller.A @ x_c + controller.B @ (here.H_pm @ x)
+        x = here.A @ x + here.B @ queue.pop(0)
+    assert largest_difference(y, delayed) < 1e-10
+
+
+@pytest.mark.parametrize("structure", ["kiel", "five_beams", "single_beam"])
+@pytest.mark.parametrize("integral_gain", [0.0, 1e-4, 3e-3])
+def test_poles_against_the_oracle(structure: str, integral_gain: float) -> None:
+    """All but those at z = 1 of an integral that never moves, of more voltages than points or of a gain of 0."""
+    poles = closed_loop_poles(
+        sampled_controller(design_of(structure).arrays, integral_gain), plant("segment", structure)
+    )
+    expected = oracle_poles(structure, "segment", integral_gain)
+    expected = expected[np.abs(expected) > 1e-6]
+    assert poles[0].real == pytest.approx(expected.real.max(), abs=1e-6)
+    slow = [np.sort_complex(p[np.abs(p) < 200.0]) for p in (poles, expected)]
+    np.testing.assert_allclose(slow[0], slow[1], rtol=0, atol=1e-4)
+
+
+def test_slow_modes_alone_have_the_slow_poles() -> None:
+    """Modes below 500 rad/s with the statics of the others: poles below 60 rad/s to 1e-3."""
+    made = design_of()
+    controller = sampled_controller(made.arrays, 8e-4)
+    full = closed_loop_poles(controller, plant("segment"))
+    slow = closed_loop_poles(controller, slow_plant(made.model("segment"), SAMPLE, 500.0))
+    for pole in full[np.abs(full) < 60.0]:
+        assert np.min(np.abs(slow - pole)) < 2e-3 * abs(pole)
+    here = slow_plant(made.model("segment"), SAMPLE, 500.0)
+    gains = [
+        (
+            p.H_pi @ np.linalg.solve(np.eye(len(p.A)) - p.A, p.B) + p.D_pi,
+            p.H_pm @ np.linalg.solve(np.eye(len(p.A)) - p.A, p.B) + p.D_pm,
+        )
+        for p in (here, plant("segment"))
+    ]
+    for found, expected in zip(*gains, strict=True):
+        assert largest_difference(found, expected) < 1e-9
+
+
+def test_delay_is_harmless_for_the_published_loop() -> None:
+    poles = closed_loop_poles(sampled_controller(design_of().arrays, 1e-4), plant("clamped_free"), extra_delay=10)
+    assert poles[0].real < -0.4
