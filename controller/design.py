@@ -19,6 +19,7 @@ from flexbeams.controller.summary import design_summary
 from flexbeams.controller.transition import transition_of_order
 from flexbeams.controller.verification import verify_design
 from flexbeams.plant.archive import array_bytes
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
@@ -75,28 +76,20 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
     except InputError as error:
         raise DesignError(str(error)) from None
     system = model.assemble()
-    reduced = reduce(
-        model,
-        system,
-        position_states=options.reduced_modes * len(structure.beam),
-        output_weight=options.balanced_norm,
-        static_correction=options.static_correction,
-    )
-    warnings = sampling_warnings(reduced, options, len(structure.beam))
+    reduced = _reduce(model, system, options, options.reduced_modes)
+    warnings = sampling_warnings(reduced, options, partial(_reduce, model, system, options))
     statics = statics_of(model, options)
     if options.static_maps != "basis":
         reduced = with_statics(reduced, statics)
+    offsets = _offsets(statics, options)
     motion, cancellation = _motion_arrays(reduced, options)
     arrays = {
         **_model_arrays(reduced),
-        **control_arrays(reduced, options),
+        **_gains(reduced, offsets, options),
         "static_inverse": _static_inverse(statics, reduced, options),
         **motion,
     }
-    offsets = _offsets(statics, options)
-    if offsets:
-        arrays |= {"offset_map": offsets.W, "offset_gain": offset_gain(options, len(reduced.H_pm))}
-    verification = verify_design(model, arrays, options, partial(control_arrays, reduced))
+    verification = verify_design(model, arrays, options, partial(_gains, reduced, offsets))
     summary = {
         **design_summary(model, system, reduced, options, arrays),
         **verification.figures(),
@@ -109,6 +102,14 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
     return Design(structure=structure, options=options, summary=summary, arrays=arrays, design_id=design_id)
 
 
+def _gains(reduced: ReducedModel, offsets: OffsetMap | None, options: DesignOptions) -> dict[str, Array]:
+    """Arrays that depend on the weights."""
+    arrays = control_arrays(reduced, options)
+    if offsets:
+        arrays |= {"offset_map": offsets.W, "offset_gain": offset_gain(options, len(reduced.H_pm))}
+    return arrays
+
+
 def _offsets(statics: Statics, options: DesignOptions) -> OffsetMap | None:
     if options.observer == "paper":
         return None
@@ -118,6 +119,17 @@ def _offsets(statics: Statics, options: DesignOptions) -> OffsetMap | None:
         uncertainty_of(names, options.uncertainty),
         noise=options.weights.offset_strain_noise,
         voltage=options.voltage_limit,
+    )
+
+
+def _reduce(model: BeamModel, system: SecondOrderSystem, options: DesignOptions, modes: int) -> ReducedModel:
+    """The reduced model with so many modes of each beam."""
+    return reduce(
+        model,
+        system,
+        position_states=modes * len(model.structure.beam),
+        output_weight=options.balanced_norm,
+        static_correction=options.static_correction,
     )
 
 

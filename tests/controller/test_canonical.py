@@ -112,7 +112,7 @@ def write_designs(path: Path) -> None:
         made = compute_design(structures()[name], DesignOptions(basis=basis))
         arrays |= {f"{name} {basis} {key}": value for key, value in made.arrays.items()}
         arrays[f"{name} {basis} id"] = np.array(made.design_id)
-    np.savez(path, **arrays)
+    np.savez(path, **arrays)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")

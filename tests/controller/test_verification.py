@@ -92,7 +92,7 @@ def test_a_loop_that_is_unstable_on_the_exact_plant_alone_can_be_accepted_with_a
 @pytest.mark.parametrize("kalman", [1e-3, 1.0, 1e2, 1e6])
 @pytest.mark.parametrize("lqr", [1e-3, 1.0, 1e3, 1e6])
 def test_what_is_accepted_stays_and_what_is_refused_grows(kalman: float, lqr: float) -> None:
-    """After a blow, on both plants: not larger after 6 s than after 0.2 s; or ten times larger where it is refused."""
+    """After a blow, on both plants: deflections have not doubled after 0.5 s nor passed 1 m; where it is refused, they have."""
     options = DesignOptions(weights=scaled(kalman, lqr))
     try:
         made, refused = compute_design(KIEL, options), False
@@ -101,12 +101,12 @@ def test_what_is_accepted_stays_and_what_is_refused_grows(kalman: float, lqr: fl
         made, refused = compute_design_anyway(options), True
     grows = []
     for basis in ("clamped_free", "segment"):
-        model = made.model(basis)  # type: ignore[arg-type]
+        model = made.model(basis)
         force = np.zeros((3001, 3))
         force[1:10] = 1.0
         run = simulate(made, model, steps=3000, force=force, controller_limit=1e12)
         y = np.abs(run["plant.y_pi"]).max(axis=1)
-        grows.append(not y[2500:].max() <= 2 * y[:1000].max())
+        grows.append(bool(y[2500:].max() > 2 * y[:1000].max() or y.max() > 1.0))
     assert any(grows) == refused
 
 
