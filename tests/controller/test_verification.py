@@ -92,7 +92,7 @@ def test_a_loop_that_is_unstable_on_the_exact_plant_alone_can_be_accepted_with_a
 @pytest.mark.parametrize("kalman", [1e-3, 1.0, 1e2, 1e6])
 @pytest.mark.parametrize("lqr", [1e-3, 1.0, 1e3, 1e6])
 def test_what_is_accepted_stays_and_what_is_refused_grows(kalman: float, lqr: float) -> None:
-    """After a blow, on both plants: deflections have not doubled after 0.5 s nor passed 1 m; where it is refused, they have."""
+    """After a blow, on both plants: deflections do not double after 0.5 s nor pass 1 m, unless it is refused."""
     options = DesignOptions(weights=scaled(kalman, lqr))
     try:
         made, refused = compute_design(KIEL, options), False
