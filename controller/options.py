@@ -1,6 +1,7 @@
 """Options of a design and the weights of filter and regulator; the defaults are the paper's where it gives one."""
 
-from dataclasses import field
+from dataclasses import field, replace
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -61,6 +62,12 @@ class DesignOptions:
             raise InputError("static_maps", "must be 'basis' without static_correction", self.static_maps)
         if self.observer == "offset_free" and not self.static_correction:
             raise InputError("observer", "must be 'paper' without static_correction", self.observer)
+
+    def relative_to(self, folder: Path) -> "DesignOptions":
+        """The options with a file of static maps as a path from anywhere."""
+        if self.static_maps in ("basis", "segment"):
+            return self
+        return replace(self, static_maps=str(folder / self.static_maps))
 
     @property
     def basis_order(self) -> int:

@@ -226,7 +226,10 @@ def scenario_files() -> dict[str, Path]:
         "disturbance",
         "retarget",
         "high_fidelity",
+        "high_fidelity_exact_statics",
         "mismatch",
+        "offset_free",
+        "offset_free_high_fidelity",
         "single_beam",
         "five_beams",
     ]

@@ -102,6 +102,7 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("Simulated", f"{run.recording.time[-1]:g} s"),
         *([("Set", ", ".join(f"{k} = {v}" for k, v in settings.overrides.items()))] if settings.overrides else []),
         ("Design id", run.design.design_id),
+        *(("Design warning", line) for line in run.design.summary["warnings"]),
         ("Version", f"flexbeams {version('flexbeams')}"),
     ]
     return facts

@@ -73,6 +73,8 @@ def run_scenario(
     """
     path = find_scenario(name)
     scenario, design = prepare(path, settings, designs)
+    for warning in design.summary["warnings"]:
+        notify(f"design: {warning}")
     scenario, draft = prepare_run(path, scenario, design, settings, notify)
     open_loop = None
     if scenario.open_loop is not None:
@@ -120,6 +122,7 @@ def prepare(path: Path, settings: Settings, designs: Sequence[Design] = ()) -> t
     if settings.basis:
         scenario = replace(scenario, design=_on_basis(scenario.design, settings.basis))
     source = str(path)
+    scenario = replace(scenario, design=scenario.design.relative_to(path.parent))
     try:
         structure_path = find_structure(settings.structure or scenario.structure, path.parent)
     except InputError as error:
