@@ -28,7 +28,7 @@ WORK: dict[str, dict[str, float]] = {
 
 @pytest.mark.parametrize(("structure", "unit"), list(product(STRUCTURES, UNITS)))
 def test_fmpy_has_no_complaint(workshop: Workshop, structure: str, unit: str) -> None:
-    """FMPy takes seconds for the plant's many names, so the other basis is shown to differ in no name, and in no rule but limits."""
+    """FMPy takes seconds for the plant's many names; the other basis differs in no name and in no rule but limits."""
     first, second = (workshop.fmu(unit, structure, basis) for basis in BASES)
     assert validate_fmu(str(first)) == []
     texts = [(workshop.folder(unit, structure, basis) / "modelDescription.xml").read_text() for basis in BASES]
