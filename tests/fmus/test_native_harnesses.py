@@ -146,7 +146,7 @@ def test_units_link_into_one_program_under_their_prefixes() -> None:
         (HEADERS, "-DFMI2_FUNCTION_PREFIX=rig_", "rig_"),
         (Path(fmpy.__file__).parent / "c-code", "-DNDEBUG", ""),
     ],
-    ids=["override", "another prefix", "headers of FMPy"],
+    ids=["override", "other_prefix", "fmpy_headers"],
 )
 def test_names_of_the_functions(unit: str, headers: Path, flag: str, prefix: str, tmp_path: Path) -> None:
     """Plain ones for a shared library, those of another prefix where the host chooses it."""

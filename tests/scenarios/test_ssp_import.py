@@ -79,24 +79,24 @@ NESTED = (
     "</ssd:Elements></ssd:System></ssd:Elements>"
 )
 REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
-    "unknown element": (
+    "unknown_element": (
         [("</ssd:Elements>", "</ssd:Elements><ssd:Surprise/>")],
         r"must be valid by the schema of SSP 1\.0: line \d+: Element 'Surprise': This element is not",
     ),
-    "unknown attribute": ([('kind="input"', 'kind="input" colour="red"')], "The attribute 'colour' is not allowed"),
-    "unknown kind": ([('kind="input"', 'kind="sideways"')], "The value 'sideways' is not an element of the set"),
-    "version": (
+    "unknown_attribute": ([('kind="input"', 'kind="input" colour="red"')], "The attribute 'colour' is not allowed"),
+    "unknown_kind": ([('kind="input"', 'kind="sideways"')], "The value 'sideways' is not an element of the set"),
+    "version_3": (
         [('version="1.0" name', 'version="3.0" name')],
         r"must be of SSP 1\.0 or 2\.0, its version, got '3\.0'",
     ),
-    "next version": ([('version="1.0" name', 'version="1.1" name')], r"of SSP 1\.0 or 2\.0, its version, got '1\.1'"),
-    "not XML": ([("</ssd:System>", "")], "is not well-formed XML"),
-    "nested system": ([("</ssd:Elements>", NESTED)], "nested systems are not supported, got 'inner'"),
+    "next_version": ([('version="1.0" name', 'version="1.1" name')], r"of SSP 1\.0 or 2\.0, its version, got '1\.1'"),
+    "not_xml": ([("</ssd:System>", "")], "is not well-formed XML"),
+    "nested_system": ([("</ssd:Elements>", NESTED)], "nested systems are not supported, got 'inner'"),
     "dictionary": (
         [("</ssd:Elements>", '<ssd:SignalDictionaryReference name="d" dictionary="e"/></ssd:Elements>')],
         "signal dictionaries are not supported, got 'd'",
     ),
-    "system connector": (
+    "system_connector": (
         [("<ssd:Elements>", '<ssd:Connectors><ssd:Connector name="f" kind="input"/></ssd:Connectors><ssd:Elements>')],
         "connectors of the system are not supported",
     ),
@@ -111,29 +111,29 @@ REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
         ],
         r"transformations are not supported, got 'y_target\[1\]'",
     ),
-    "model exchange": (
+    "model_exchange": (
         [('implementation="CoSimulation"', 'implementation="ModelExchange"')],
         "must be an FMU for co-simulation, got 'ModelExchange'",
     ),
-    "other component": (
+    "other_component": (
         [("application/x-fmu-sharedlibrary", "application/x-ssp-package")],
         "must be an FMU for co-simulation, got 'application/x-ssp-package'",
     ),
-    "missing FMU": (
+    "missing_fmu": (
         [("resources/BeamPlant.fmu", "resources/Beam.fmu")],
         r"Component plant source must be a file in the package, got 'resources/Beam\.fmu'",
     ),
-    "FMU outside": ([("resources/BeamPlant.fmu", "../../BeamPlant.fmu")], "must be a path inside the package"),
-    "FMU outside, quoted": ([("resources/BeamPlant.fmu", "%2e%2e/BeamPlant.fmu")], "must be a path inside the package"),
-    "FMU by its place": ([("resources/BeamPlant.fmu", "/etc/passwd")], "must be a path inside the package"),
-    "FMU by address": (
+    "fmu_outside": ([("resources/BeamPlant.fmu", "../../BeamPlant.fmu")], "must be a path inside the package"),
+    "fmu_outside_quoted": ([("resources/BeamPlant.fmu", "%2e%2e/BeamPlant.fmu")], "must be a path inside the package"),
+    "fmu_by_its_place": ([("resources/BeamPlant.fmu", "/etc/passwd")], "must be a path inside the package"),
+    "fmu_by_address": (
         [("resources/BeamPlant.fmu", "http://example.org/BeamPlant.fmu")],
         "must be a path inside the package",
     ),
-    "FMU by file address": ([("resources/BeamPlant.fmu", "file:///etc/passwd")], "must be a path inside the package"),
-    "missing set": ([("resources/plant.ssv", "resources/plants.ssv")], "must be a file in the package"),
-    "set outside": ([("resources/plant.ssv", "../plant.ssv")], "must be a path inside the package"),
-    "parameter mapping": (
+    "fmu_by_file_address": ([("resources/BeamPlant.fmu", "file:///etc/passwd")], "must be a path inside the package"),
+    "missing_set": ([("resources/plant.ssv", "resources/plants.ssv")], "must be a file in the package"),
+    "set_outside": ([("resources/plant.ssv", "../plant.ssv")], "must be a path inside the package"),
+    "parameter_mapping": (
         [
             (
                 r'source="resources/plant.ssv" />',
@@ -142,50 +142,50 @@ REFUSED: dict[str, tuple[list[tuple[str, str]], str]] = {
         ],
         "parameter mappings are not supported",
     ),
-    "name": ([('name="plant"', 'name="my plant"')], "must have a name of letters, digits and underscores"),
-    "two of a name": (
+    "name_with_space": ([('name="plant"', 'name="my plant"')], "must have a name of letters, digits and underscores"),
+    "two_of_name": (
         [('<ssd:Component name="plant"', '<ssd:Component name="controller"')],
         "must have a name of its own, got 'controller'",
     ),
-    "two connectors": (
+    "two_connectors": (
         [(r'name="u\[1\]" kind="input"', 'name="force[1]" kind="input"')],
         r"must have each connector once, got 'force\[1\]'",
     ),
-    "lost connector": (
+    "lost_connector": (
         [(r'name="u\[1\]" kind="input"', 'name="v" kind="input"')],
         r"must join connectors of components, got 'plant\.u\[1\]'",
     ),
-    "unknown variable": (
+    "unknown_variable": (
         [
             (r'startConnector="y_pm\[1\]"', 'startConnector="y_pn"'),
             (r'name="y_pm\[1\]" kind="output"', 'name="y_pn" kind="output"'),
         ],
         "plant.y_pn is not a variable of its FMU; did you mean 'y_p",
     ),
-    "other causality": (
+    "other_causality": (
         [(FIRST, ""), (r'name="y_target\[1\]" kind="input"', 'name="y_target[1]" kind="output"')],
         r"feedforward\.y_target\[1\] is an output in the package and input in its FMU",
     ),
-    "backwards": ([(FIRST, wire("plant.y_pi[1]", "plant.y_pm[1]"))], "must join an output and an input"),
-    "two drivers": (
+    "from_output_to_output": ([(FIRST, wire("plant.y_pi[1]", "plant.y_pm[1]"))], "must join an output and an input"),
+    "two_drivers": (
         [(FIRST, wire("controller.u[1]", "plant.u[1]"))],
         r"must not drive an input that is driven already, got 'plant\.u\[1\]'",
     ),
-    "other type": (
+    "other_type": (
         [(r'(name="y_pi\[1\]" kind="output">\s*)<ssc:Real[^>]*/>', r"\1<ssc:Integer/>")],
         r"plant\.y_pi\[1\] is Integer in the package and Real in its FMU",
     ),
-    "other unit": (
+    "other_unit": (
         [(r'(name="y_pi\[1\]" kind="output">\s*)<ssc:Real[^>]*/>', r'\1<ssc:Real unit="V"/>')],
         r"plant\.y_pi\[1\] has the unit 'V' in the package and 'm' in its FMU",
     ),
-    "units of a connection": (
+    "units_of_connection": (
         [(FIRST, wire("source.force[1]", "feedforward.y_target[1]"))],
         r"source\.force\[1\] to feedforward\.y_target\[1\] joins the units 'N' and 'm'",
     ),
-    "start time": ([('startTime="0.0"', 'startTime="1.0"')], r"startTime must be 0, got '1\.0'"),
-    "stop time": ([('stopTime="0.1"', 'stopTime="INF"')], "stop_time must be finite and > 0"),
-    "uneven stop time": ([('stopTime="0.1"', 'stopTime="0.10013"')], "stop_time must be a whole number of steps"),
+    "start_time": ([('startTime="0.0"', 'startTime="1.0"')], r"startTime must be 0, got '1\.0'"),
+    "stop_time": ([('stopTime="0.1"', 'stopTime="INF"')], "stop_time must be finite and > 0"),
+    "uneven_stop_time": ([('stopTime="0.1"', 'stopTime="0.10013"')], "stop_time must be a whole number of steps"),
     "entity": ([(r"\?>", '?><!DOCTYPE a [<!ENTITY b "c">]>')], "must have no document type declaration"),
 }
 
@@ -252,7 +252,7 @@ def test_a_set_s_values_must_fit_their_variables(shop: Shop) -> None:
 
 
 def test_validation_tells_of_everything_at_once(shop: Shop, capsys: pytest.CaptureFixture[str]) -> None:
-    path = shop.changed("several", REFUSED["other unit"][0][0], REFUSED["units of a connection"][0][0])
+    path = shop.changed("several", REFUSED["other_unit"][0][0], REFUSED["units_of_connection"][0][0])
     assert main(["validate", str(path)]) == 1
     assert capsys.readouterr().out.count("\n") == 2
     path = shop.changed(
