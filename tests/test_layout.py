@@ -51,6 +51,7 @@ LONG_MODULES = {
 }
 LONG_FUNCTIONS = {
     "flexbeams.scenarios.cli.run.run": BEING_SPLIT,
+    "flexbeams.plant.identification.reading.read_experiment": BEING_SPLIT,
 }
 RISING_IMPORTS = {
     ("flexbeams.scenarios.report.report", "flexbeams.scenarios.runs.scenario"): BEING_SPLIT,
