@@ -51,15 +51,7 @@ def read_experiment(
     """
     reading = reading or Reading()
     source = str(path)
-    header, values = _table(path, source)
-    time = _signal("time", header, values, reading, source, required=True)
-    assert time is not None
-    step = _even_step(time, source)
-    if reading.end is not None:
-        values, time = values[time <= reading.end], time[time <= reading.end]
-    first = 0 if reading.begin is None else int(np.searchsorted(time, reading.begin))
-    if len(time) - first < 20:
-        raise InputError("", f"must have at least 20 rows that count, got {max(0, len(time) - first)}", source=source)
+    header, values, step, first = _window(path, reading, source)
     voltages = [
         _signal(f"u[{k}]", header, values, reading, source, required=True) for k in range(1, len(structure.patch) + 1)
     ]
@@ -73,21 +65,41 @@ def read_experiment(
         raise InputError(
             "", "has no column of a sensor" + suggestion("y_pi[1]", sensor_names(structure)), source=source
         )
-    measured_forces = [np.zeros(len(time)) if force is None else force for force in forces]
-    u = np.stack([v for v in voltages if v is not None], axis=1)
+    u, y = np.stack([v for v in voltages if v is not None], axis=1), np.stack(list(outputs.values()), axis=1)
     return Experiment(
         name=path.stem,
         step=step,
         voltages=u,
-        forces=np.stack(measured_forces, axis=1) if any(f is not None for f in forces) else None,
-        outputs=np.stack(list(outputs.values()), axis=1),
+        forces=_stacked_forces(forces, len(values)),
+        outputs=y,
         sensors=tuple(outputs),
-        rest_voltages=_rest(u, np.stack(list(outputs.values()), axis=1)),
+        rest_voltages=_rest(u, y),
         start=start,
         first_counted=first,
         uncoupled=uncoupled,
         held_back=held_back,
     )
+
+
+def _window(path: Path, reading: Reading, source: str) -> tuple[list[str], Array, float, int]:
+    """Header, values up to the end of the window, step in s, and the first row that counts."""
+    header, values = _table(path, source)
+    time = _signal("time", header, values, reading, source, required=True)
+    assert time is not None
+    step = _even_step(time, source)
+    if reading.end is not None:
+        values, time = values[time <= reading.end], time[time <= reading.end]
+    first = 0 if reading.begin is None else int(np.searchsorted(time, reading.begin))
+    if len(time) - first < 20:
+        raise InputError("", f"must have at least 20 rows that count, got {max(0, len(time) - first)}", source=source)
+    return header, values, step, first
+
+
+def _stacked_forces(forces: list[Array | None], rows: int) -> Array | None:
+    """Tip forces (rows, r), zero where a column is missing; None where all are."""
+    if all(force is None for force in forces):
+        return None
+    return np.stack([np.zeros(rows) if force is None else force for force in forces], axis=1)
 
 
 def _rest(voltages: Array, outputs: Array) -> Array:

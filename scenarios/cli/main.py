@@ -14,6 +14,7 @@ from flexbeams.plant.errors import FlexbeamsError, InputError
 from flexbeams.scenarios.cli.bench import bench
 from flexbeams.scenarios.cli.compare import compare
 from flexbeams.scenarios.cli.export import export
+from flexbeams.scenarios.cli.identify import identify
 from flexbeams.scenarios.cli.options import BASES, compiler_option, note, structure_option
 from flexbeams.scenarios.cli.run import run
 
@@ -32,6 +33,7 @@ commands.add_command(run)
 commands.add_command(compare)
 commands.add_command(export)
 commands.add_command(bench)
+commands.add_command(identify)
 
 
 @commands.command()

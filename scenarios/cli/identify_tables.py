@@ -1,0 +1,107 @@
+"""Tables and JSON of an identification."""
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from flexbeams.plant.identification.experiment import sensor_names
+from flexbeams.plant.identification.method import Identification
+from flexbeams.plant.identification.modal import modal_form
+from flexbeams.plant.identification.quality import end_error, fits_of
+from flexbeams.plant.parameters import PARAMETERS
+
+UNITS = {(entry.part, entry.name): entry.unit for entry in PARAMETERS}
+
+
+def unit_of(name: str) -> str:
+    """Unit of measurement of a full parameter name."""
+    place, short = name.split("].")
+    return UNITS[place.split("[")[0], short]
+
+
+def as_table(result: Identification) -> dict[str, Any]:
+    """Everything about an identification in JSON's types; deviations are relative, one standard deviation."""
+    names = sensor_names(result.structure)
+    before, after = (_modes(result, values) for values in _values(result))
+    error = end_error(result)
+    return {
+        "interrupted": result.estimate.interrupted,
+        "start": {
+            "method": result.start.method,
+            "measured_frequencies": [] if result.start.modes is None else result.start.modes.frequencies.tolist(),
+            "frequencies": result.start.given.tolist(),
+        },
+        "parameters": {
+            p.name: {
+                "start": p.start,
+                "value": p.value,
+                "unit": unit_of(p.name),
+                "deviation": p.deviation,
+                "status": p.status,
+            }
+            for p in result.parameters
+        },
+        "open_directions": [
+            {"deviation": d.deviation if np.isfinite(d.deviation) else None, "shares": d.shares}
+            for d in result.joint.directions
+        ],
+        "correlations": {"names": list(result.joint.names), "matrix": result.joint.correlations.tolist()},
+        "modes": {"start": before, "identified": after},
+        "sensors": {
+            name: {
+                "residual": float(result.estimate.deviations[k] * result.estimate.weights[k]),
+                "weight": float(result.estimate.weights[k]),
+                "correlation_length": float(result.joint.correlation_lengths[k]),
+            }
+            for k, name in enumerate(names)
+        },
+        "experiments": [
+            {"name": fit.name, "held_back": fit.held_back, "relative_residual": fit.relative_by_sensor(names)}
+            for fit in fits_of(result)
+        ],
+        "feedforward_end_error": {
+            "target": error.target.tolist(),
+            "half_width": error.half_width.tolist(),
+            "unit": "m",
+        },
+    }
+
+
+def show_identification(result: Identification) -> None:
+    """The parameters, what stays open, and how well each file is met."""
+    console = Console()
+    console.print(f"Start: {result.start.method}", highlight=False)
+    table = Table("parameter", "start", "identified", "unit", "+- 95 %", "", title="Parameters")
+    for p in result.parameters:
+        width = f"{196 * p.deviation:.2g} %" if p.status == "fitted" else ""
+        note = {"fitted": "", "assumed": "undetermined by data", "known": "known"}[p.status]
+        table.add_row(p.name.replace("[", r"\["), f"{p.start:.5g}", f"{p.value:.5g}", unit_of(p.name), width, note)
+    console.print(table)
+    for direction in result.joint.directions:
+        shares = ", ".join(f"{name} {share:+.2f}" for name, share in direction.shares.items())
+        size = "any" if not np.isfinite(direction.deviation) else f"{100 * direction.deviation:.0f} %"
+        console.print(f"Open ({size}): {shares}", highlight=False, markup=False)
+    names = sensor_names(result.structure)
+    fits = Table("file", *names, title="Residual over signal, rms, %")
+    for fit in fits_of(result):
+        relative = fit.relative_by_sensor(names)
+        cells = [f"{100 * relative[name]:.2f}" if name in relative else "" for name in names]
+        fits.add_row(fit.name + (" (held back)" if fit.held_back else ""), *cells)
+    console.print(fits)
+    error = end_error(result)
+    widths = ", ".join(f"{1e3 * width:.2g}" for width in error.half_width)
+    console.print(f"Predicted end error of a feedforward at the points: +- {widths} mm (95 %)", highlight=False)
+    weights = [n for n, weight in zip(names, result.estimate.weights, strict=True) if weight != 1]
+    if weights:
+        console.print(f"Less weight, residuals are no noise: {', '.join(weights)}", highlight=False, markup=False)
+
+
+def _values(result: Identification) -> tuple[dict[str, float], dict[str, float]]:
+    return {p.name: p.start for p in result.parameters}, {p.name: p.value for p in result.parameters}
+
+
+def _modes(result: Identification, values: dict[str, float]) -> list[dict[str, float]]:
+    poles = modal_form(result.model, values).poles
+    return [{"frequency": float(abs(p)), "damping_ratio": float(-p.real / abs(p))} for p in poles[:12]]
