@@ -134,5 +134,5 @@ def _parameters(
             deviation=float(relative.get(name, 0.0)),
             status="known" if name in space.fixed else "assumed" if name in kept else "fitted",
         )
-        for name, value in values.items()
+        for name, value in ((name, values[name]) for name in structure.parameters())
     )

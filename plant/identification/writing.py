@@ -1,5 +1,6 @@
 """The identified structure as a file: the start's text with new values, each with the mark of where it comes from."""
 
+import re
 from pathlib import Path
 
 import tomlkit
@@ -8,6 +9,7 @@ from flexbeams.plant.archive import write_whole
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.identification.method import Identification, Parameter
 
+_MARK = re.compile(r"^(paper|datasheet|assumed|fitted|known)\b(\s*\([^)]*\))?[;,]?")
 ASSUMED = "assumed (undetermined by data)"
 
 
@@ -34,9 +36,15 @@ def identified_text(start: str, result: Identification) -> str:
         if parameter.name not in free and parameter.value == float(table[name]):
             continue
         entry = tomlkit.item(float(f"{parameter.value:.9g}") if parameter.status == "fitted" else parameter.value)
+        remark = _remark(table[name].trivia.comment)
         table[name] = entry
-        table[name].comment(mark_of(parameter))
+        table[name].comment(mark_of(parameter) + (f"; {remark}" if remark else ""))
     return tomlkit.dumps(document)
+
+
+def _remark(comment: str) -> str:
+    """What a comment behind a value says beside the mark of its origin."""
+    return _MARK.sub("", comment.lstrip("# "), count=1).strip()
 
 
 def write_identified(start: Path, result: Identification, path: Path) -> None:

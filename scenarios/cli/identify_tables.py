@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.markup import escape
+from rich.table import Column, Table
 
 from flexbeams.plant.identification.experiment import sensor_names
 from flexbeams.plant.identification.method import Identification
@@ -73,23 +74,24 @@ def show_identification(result: Identification) -> None:
     """The parameters, what stays open, and how well each file is met."""
     console = Console()
     console.print(f"Start: {result.start.method}", highlight=False)
-    table = Table("parameter", "start", "identified", "unit", "+- 95 %", "", title="Parameters")
+    first = Column(header="parameter", no_wrap=True, min_width=29)
+    table = Table(first, "start", "identified", "unit", "+- 95 %", title="Parameters")
     for p in result.parameters:
-        width = f"{196 * p.deviation:.2g} %" if p.status == "fitted" else ""
-        note = {"fitted": "", "assumed": "undetermined by data", "known": "known"}[p.status]
-        table.add_row(p.name.replace("[", r"\["), f"{p.start:.5g}", f"{p.value:.5g}", unit_of(p.name), width, note)
+        width = {"fitted": f"{196 * p.deviation:.2g} %", "assumed": "undetermined", "known": "known"}[p.status]
+        table.add_row(escape(p.name), f"{p.start:.5g}", f"{p.value:.5g}", unit_of(p.name), width)
     console.print(table)
     for direction in result.joint.directions:
         shares = ", ".join(f"{name} {share:+.2f}" for name, share in direction.shares.items())
         size = "any" if not np.isfinite(direction.deviation) else f"{100 * direction.deviation:.0f} %"
         console.print(f"Open ({size}): {shares}", highlight=False, markup=False)
     names = sensor_names(result.structure)
-    fits = Table("file", *names, title="Residual over signal, rms, %")
-    for fit in fits_of(result):
-        relative = fit.relative_by_sensor(names)
-        cells = [f"{100 * relative[name]:.2f}" if name in relative else "" for name in names]
-        fits.add_row(fit.name + (" (held back)" if fit.held_back else ""), *cells)
-    console.print(fits)
+    fitted = [(fit, fit.relative_by_sensor(names)) for fit in fits_of(result)]
+    headers = [fit.name + (" (held back)" if fit.held_back else "") for fit, _ in fitted]
+    table = Table("sensor", *map(escape, headers), title="Residual over signal, rms, %")
+    for name in names:
+        cells = [f"{100 * relative[name]:.2f}" if name in relative else "" for _, relative in fitted]
+        table.add_row(escape(name), *cells)
+    console.print(table)
     error = end_error(result)
     widths = ", ".join(f"{1e3 * width:.2g}" for width in error.half_width)
     console.print(f"Predicted end error of a feedforward at the points: +- {widths} mm (95 %)", highlight=False)

@@ -1,0 +1,139 @@
+"""The verb identify: options, tables, files and refusals."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexbeams.plant.galerkin import beam_model
+from flexbeams.plant.identification.experiment import sensor_names
+from flexbeams.plant.statespace import static_gains
+from flexbeams.plant.static_maps import read_static_maps
+from flexbeams.plant.structure import STRUCTURES_FOLDER, read_structure
+from flexbeams.scenarios.cli.main import main
+from tests.plant.identification.data import measured, steps
+
+SHIPPED = STRUCTURES_FOLDER / "single_beam.toml"
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with three recordings of the shipped beam and a start that is off."""
+    folder = tmp_path_factory.mktemp("rig")
+    structure = read_structure(SHIPPED)
+    sensors = sensor_names(structure)
+    experiments = steps(np.array([[700.0], [-400.0], [250.0]]), len(sensors), rows=900, step=5e-3)
+    data = measured(beam_model(structure), structure.parameters(), experiments, 0.003, 1)
+    for number, experiment in enumerate(data, 1):
+        table = np.column_stack([experiment.time, experiment.voltages, experiment.outputs])
+        header = ",".join(["time", "plant.u[1]", *(f"plant.{name}" for name in sensors)])
+        np.savetxt(folder / f"step{number}.csv", table, delimiter=",", header=header, comments="", fmt="%.17g")
+    text, changed = re.subn(
+        r"youngs_modulus = 6\.0e10 +# assumed",
+        "youngs_modulus = 6.9e10 # assumed, from the supplier",
+        SHIPPED.read_text(encoding="utf-8"),
+    )
+    assert changed == 1
+    (folder / "start.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def run(*arguments: object) -> int:
+    return main([str(a) for a in arguments])
+
+
+def test_json_and_the_structure_file(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = read_structure(SHIPPED).parameters()
+    mass = truth["beam[1].tip_mass"]
+    known = f"beam[1].tip_mass={mass!r}" if mass > 0 else f"beam[1].density={truth['beam[1].density']!r}"
+    files = [rig / "step1.csv", rig / "step2.csv"]
+    arguments = ["--structure", rig / "start.toml", "--known", known, "--hold-back", rig / "step3.csv", "--json"]
+    assert run("identify", *files, *arguments, "--out", rig / "result.toml") == 0
+    shown = capsys.readouterr()
+    assert "fitting all rows" in shown.err
+    result = json.loads(shown.out)
+    modulus = result["parameters"]["beam[1].youngs_modulus"]
+    assert modulus["status"] == "fitted"
+    assert modulus["unit"] == "Pa"
+    assert modulus["value"] == pytest.approx(truth["beam[1].youngs_modulus"], rel=0.02)
+    assert [e["held_back"] for e in result["experiments"]] == [False, False, True]
+    assert max(result["experiments"][2]["relative_residual"].values()) < 0.05
+    assert len(result["modes"]["identified"]) == len(result["modes"]["start"]) > 3
+    assert np.all(np.array(result["feedforward_end_error"]["half_width"]) < 1e-4)
+    text = (rig / "result.toml").read_text(encoding="utf-8")
+    written = read_structure(rig / "result.toml").parameters()
+    for name, entry in result["parameters"].items():
+        assert written[name] == pytest.approx(entry["value"], rel=1e-8)
+    line = next(line for line in text.splitlines() if line.startswith("youngs_modulus"))
+    assert "# fitted (+-" in line
+    assert line.endswith("%); from the supplier")
+    assert text.splitlines()[0] == (rig / "start.toml").read_text(encoding="utf-8").splitlines()[0]
+    statuses = [entry["status"] for entry in result["parameters"].values()]
+    assert text.count("assumed (undetermined by data)") == statuses.count("assumed")
+
+
+def test_the_table_names_what_is_known(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--structure", rig / "start.toml", "--fix", "*.density", "--window", "0:4", "--weight", "y_pm[]=0.5"]
+    assert run("identify", rig / "step1.csv", rig / "step2.csv", *arguments) == 0
+    text = capsys.readouterr().out
+    assert "patch[1].viscous_damping" in text
+    assert " known " in text
+    assert "Residual over signal" in text
+    assert "Predicted end error" in text
+
+
+def test_static_gains_for_a_design(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    structure = read_structure(SHIPPED)
+    files = [rig / f"step{k}.csv" for k in (1, 2, 3)]
+    assert run("identify", "static", *files, "--structure", SHIPPED, "--out", rig / "maps.csv") == 0
+    assert capsys.readouterr().out.strip() == str(rig / "maps.csv")
+    points, gauges = len(structure.point_of_interest), len(structure.strain_gauge)
+    maps = read_static_maps(rig / "maps.csv", pairs=1, points=points, gauges=gauges)
+    model = beam_model(structure)
+    deflection, _ = static_gains(model, model.assemble())
+    assert np.allclose(maps.deflection, deflection, rtol=0.05)
+    assert maps.deflection_interval is not None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "common factor only"),
+        (["--known", "beam[1].tip_mas=1"], "--known: beam[1].tip_mas is not a parameter; did you mean"),
+        (["--known", "beam[1].tip_mass"], "--known must read NAME=VALUE"),
+        (["--known", "beam[1].tip_mass=heavy"], "--known must have a finite number"),
+        (["--known", "beam[1].density=-1"], "beam[1].density must be finite and > 0"),
+        (["--prior", "beam[1].density=0"], "--prior must be > 0 percent"),
+        (["--bounds", "beam[1].density=1:2"], "bounds of beam[1].density must enclose its start"),
+        (["--weight", "y_mp[1]=1"], "--weight y_mp[1] is not a sensor; did you mean 'y_pm[1]'"),
+        (["--weight", "y_pm[1]=0"], "--weight must be > 0"),
+        (["--delay", "y_pm[1]=-1"], "--delay must be >= 0"),
+        (["--map", "u[1]=voltage*1000"], "column 'voltage' is missing"),
+        (["--window", "0:0.05"], "at least 20 rows that count"),
+        (["--structure", "nowhere.toml"], "is neither a file nor a shipped structure"),
+    ],
+)
+def test_refusals_are_one_line(
+    rig: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    start = [] if "--structure" in arguments else ["--structure", str(rig / "start.toml")]
+    assert run("identify", rig / "step1.csv", *start, *arguments) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert message in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
+
+
+def test_nothing_left_to_fit(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = rig / "step1.csv"
+    assert run("identify", file, "--hold-back", file, "--structure", rig / "start.toml") == 2
+    assert "--hold-back must leave at least one file to fit" in capsys.readouterr().err
+
+
+def test_help_names_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("identify", "--help") == 0
+    text = capsys.readouterr().out
+    assert "parameters" in text
+    assert "static" in text
