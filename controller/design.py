@@ -21,8 +21,9 @@ from flexbeams.controller.verification import verify_design
 from flexbeams.plant.archive import array_bytes
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import DesignError, InputError
-from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.static_sensitivities import static_sensitivities
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.threads import one_thread

@@ -9,8 +9,9 @@ from pydantic.dataclasses import dataclass
 
 from flexbeams.controller.reduction import OutputWeight
 from flexbeams.controller.transition import LOWEST_ORDER
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import InputError
-from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName
+from flexbeams.plant.galerkin import DEFAULT_ORDER
 from flexbeams.plant.validation import STRICT, Index, NonNegative, Positive
 
 

@@ -17,8 +17,9 @@ from flexbeams.controller.closed_loop import (
 from flexbeams.controller.gains import sample_ratio
 from flexbeams.controller.options import DesignOptions, Weights
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import DesignError
-from flexbeams.plant.galerkin import DEFAULT_ORDER, BasisName, BeamModel, beam_model
+from flexbeams.plant.galerkin import DEFAULT_ORDER, BeamModel, beam_model
 
 DESIGN, EXACT = "design", "exact"  # names of the plants
 EXACT_BASIS: BasisName = "segment"

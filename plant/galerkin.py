@@ -8,19 +8,17 @@ damping, front and back patch, is in these matrices; the Appendix of the paper o
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
 from flexbeams.plant.assembly import MatrixName, SecondOrderSystem, Term, assemble
 from flexbeams.plant.basis import Array, Basis
+from flexbeams.plant.choices import BASES, BasisName
 from flexbeams.plant.clamped_free import ClampedFreeBasis
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.segment import SegmentBasis, split_at
 from flexbeams.plant.structure import Structure
 
-BasisName = Literal["clamped_free", "segment"]
-BASES: tuple[BasisName, ...] = ("clamped_free", "segment")
 DEFAULT_ORDER = {"clamped_free": 10, "segment": 9}  # modes N of a beam; polynomial degree p
 STATIONS = 21  # points along each beam whose deflection is an output
 

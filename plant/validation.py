@@ -33,16 +33,27 @@ _RULES = {
 }
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """The table of a TOML file; InputError where it cannot be read or is not TOML."""
+def read_text(path: Path) -> str:
+    """The text of a UTF-8 file; InputError where it cannot be read."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError("", f"is not UTF-8 text: {error.reason}", source=str(path)) from None
-    except (ValueError, RecursionError) as error:  # also integers of thousands of digits and endless nesting
-        raise InputError("", f"is not valid TOML: {error}", source=str(path)) from None
     except OSError as error:
         raise InputError("", f"cannot be read: {error.strerror}", source=str(path)) from None
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The table of a TOML text; InputError where it is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also integers of thousands of digits and endless nesting
+        raise InputError("", f"is not valid TOML: {error}", source=source) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The table of a TOML file; InputError where it cannot be read or is not TOML."""
+    return parse_toml(read_text(path), str(path))
 
 
 def validate(kind: type[T], table: object, source: str) -> T:

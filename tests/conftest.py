@@ -96,7 +96,7 @@ def known_designs(monkeypatch: pytest.MonkeyPatch) -> None:
                 return design_of(name)
         return compute_design(structure, options)
 
-    monkeypatch.setattr("flexbeams.scenarios.runs.scenario.compute_design", compute)
+    monkeypatch.setattr("flexbeams.scenarios.runs.prepare.compute_design", compute)
 
 
 @pytest.fixture

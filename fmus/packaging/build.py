@@ -4,9 +4,9 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
 
 from flexbeams.controller.design import Design
+from flexbeams.fmus.choices import Backend
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
 from flexbeams.fmus.packaging.python import PythonUnit, build_python_units, bundled_script, data_file
 from flexbeams.fmus.packaging.single_file import single_file
@@ -14,9 +14,6 @@ from flexbeams.fmus.references.results import reference_results
 from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.galerkin import BeamModel
-
-Backend = Literal["native", "python"]
-BACKENDS: tuple[Backend, ...] = ("native", "python")
 
 _ROOT = Path(__file__).parents[2]
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.choices import BasisName
+from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.identification.estimate import ROBUST_SCALE, Estimate, Search, Settings
 from flexbeams.plant.identification.experiment import Experiment
 from flexbeams.plant.identification.information import Information, information

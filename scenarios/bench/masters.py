@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.ssp import export_ssp
 from flexbeams.scenarios.masters.catalogue import MASTERS, RUNNER, installed_version

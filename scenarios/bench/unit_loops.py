@@ -13,7 +13,7 @@ from flexbeams.scenarios.definition.signals import Signal
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.instance import UnitInstance
-from flexbeams.scenarios.simulation.stepping import NativeStepper
+from flexbeams.scenarios.simulation.native_stepper import NativeStepper
 from flexbeams.scenarios.simulation.wiring import Wiring
 
 Starts = Mapping[str, float | bool]  # start values of a unit by variable

@@ -10,7 +10,6 @@ import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.packaging.build import ensure_units
-from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
@@ -18,12 +17,12 @@ from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence, m
 from flexbeams.scenarios.bench.bare_loops import BareLoops, bare_library
 from flexbeams.scenarios.bench.numpy_loops import NumpyLoops
 from flexbeams.scenarios.bench.unit_loops import Loop, Starts, unit_plan, without_recording
-from flexbeams.scenarios.definition.schema import find_scenario
+from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
 from flexbeams.scenarios.definition.signals import Signal
-from flexbeams.scenarios.runs.prepare import prepare_run
-from flexbeams.scenarios.runs.scenario import prepare
-from flexbeams.scenarios.simulation.stepping import stepper_library
+from flexbeams.scenarios.runs.prepare import prepare_scenario
+from flexbeams.scenarios.runs.scenario import unit_files
+from flexbeams.scenarios.simulation.native_stepper import stepper_library
 from flexbeams.scenarios.simulation.wiring import Wiring
 
 SCENARIO = "tracking"
@@ -43,20 +42,18 @@ class Workbench:
         notify: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.steps, self.compiler, self._build, self._notify = steps, compiler, build_folder, notify
-        path, settings = find_scenario(SCENARIO), Settings(compiler=compiler, build_folder=build_folder)
-        scenario, self.design = prepare(path, settings)
-        scenario, draft = prepare_run(path, scenario, self.design, settings, notify)
-        self._plan, self._starts, self.step = draft.wiring, draft.starts, draft.step
-        self.model = draft.models["plant"]
-        self._files = self.units(
-            {n: (require_kind(str(scenario.instance[n].unit), "unit"), m) for n, m in draft.models.items()}, self.design
-        )
+        settings = Settings(compiler=compiler, build_folder=build_folder, record_animation=False)
+        prepared = prepare_scenario(load_scenario(SCENARIO), settings, notify)
+        scenario, self.design = prepared.scenario, prepared.design
+        self._plan, self._starts, self.step = prepared.wiring, prepared.starts, prepared.step
+        self.model = prepared.models["plant"]
+        self._files = unit_files(prepared, notify)
         self._stepper = stepper_library(build_folder, compiler)
         self._library = bare_library(build_folder, compiler, self._files["feedforward"])
         self.matrices = matrices_of(self.design, self.model)
         self._stack = ExitStack()
         self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="flexbeams_")))
-        self.preview = float(draft.starts.get("feedforward", {}).get("preview", 0.0))  # s
+        self.preview = float(prepared.starts.get("feedforward", {}).get("preview", 0.0))  # s
         self.target = np.array(scenario.input[0].targets[0].value) if scenario.input[0].targets else np.zeros(4)  # m
 
     def __enter__(self) -> "Workbench":

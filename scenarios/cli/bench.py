@@ -20,13 +20,13 @@ from flexbeams.scenarios.cli.options import compiler_option
 @click.option(
     "--masters",
     is_flag=True,
-    help="Instead: the exported scenario under co-simulation tools of "
-    "others (extra `masters`) beside the runner, and how far they agree.",
+    help="Instead: the exported scenario under third-party co-simulation "
+    "tools (extra `masters`) beside the runner, and how far they agree.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
 @compiler_option
 def bench(steps: int, masters: bool, as_json: bool, compiler: str) -> int:
-    """Measure what a step costs: bare C loop, FMI functions, runner and numpy, side by side in one process.
+    """Measure what a step costs: bare C loop, FMI functions, runner and numpy, interleaved in one process.
 
     Measures only: the exit status is 0 whether targets are met or not.
     """

@@ -17,15 +17,15 @@ from flexbeams.scenarios.cli.options import note
     help="Folder of compare.html, compare.png and compare.svg.",
 )
 def compare(runs: tuple[Path, ...], out: Path) -> int:
-    """Overlay finished runs ; each RUN is a folder of results, such as results/tracking.
+    """Overlay finished runs; each RUN is a folder of results, such as results/tracking.
 
     Prints checks and metrics side by side and writes the signals that all runs recorded as a page and a figure.
     """
+    from flexbeams.scenarios.api.comparisons import compare as read_runs
     from flexbeams.scenarios.cli.comparison_tables import show_comparison
     from flexbeams.scenarios.report.comparison import write_comparison
-    from flexbeams.scenarios.results.compare import compare as read_runs
 
-    comparison = read_runs(list(runs))
+    comparison = read_runs(*runs)
     if comparison.left_out:
         note(f"not in every run, left out: {', '.join(comparison.left_out)}")
     written = write_comparison(comparison, out)

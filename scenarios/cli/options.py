@@ -1,13 +1,16 @@
-"""What the verbs of the command line share."""
+"""Options that several verbs have."""
 
 import math
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import click
 
-BASES = click.Choice(["clamped_free", "segment"])
-COUPLINGS = click.Choice(["jacobi", "gauss-seidel"])
-BACKENDS = click.Choice(["native", "python"])
+from flexbeams.scenarios.definition.choices import BASES, COUPLINGS
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+BASIS = click.Choice(list(BASES))
 
 
 class Positive(click.FloatRange):
@@ -17,7 +20,7 @@ class Positive(click.FloatRange):
         super().__init__(min=0, min_open=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """As FloatRange, which takes infinity and NaN."""
+        """Converts as FloatRange, and refuses infinity and NaN."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} must be finite and > 0", param, ctx)
@@ -25,6 +28,32 @@ class Positive(click.FloatRange):
 
 
 POSITIVE = Positive()
+
+
+def assignments(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, Any]:
+    """INSTANCE.VARIABLE=VALUE options as a table; several numbers, separated by commas, are those of an array."""
+    table: dict[str, Any] = {}
+    for text in values:
+        name, equals, value = text.rpartition("=")
+        if not equals or "." not in name:
+            raise click.BadParameter(f"must be INSTANCE.VARIABLE=VALUE, got {text!r}")
+        table[name] = _value(name, value)
+    return table
+
+
+def _value(name: str, text: str) -> bool | float | list[float]:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    try:
+        numbers = [float(part) for part in text.removeprefix("[").removesuffix("]").split(",")]
+    except ValueError:
+        raise click.BadParameter(
+            f"{name} must be a number, numbers separated by commas, true or false, got {text!r}"
+        ) from None
+    if not all(map(math.isfinite, numbers)):
+        raise click.BadParameter(f"{name} must be finite, got {text!r}")
+    return numbers if "," in text or text.startswith("[") else numbers[0]
+
 
 structure_option = click.option(
     "--structure", metavar="FILE", help="Structure file, or a shipped one by name (kiel, single_beam, five_beams)."
@@ -39,6 +68,43 @@ compiler_option = click.option(
 )
 
 
+def scenario_options(set_help: str, step_help: str) -> Callable[[Command], Command]:
+    """Options that override values of a scenario; their names are fields of Settings."""
+    options = (
+        click.option("--coupling", type=click.Choice(list(COUPLINGS)), help="Override the scenario's coupling."),
+        click.option("--basis", type=BASIS, help="Override the basis of design and plant."),
+        click.option("--structure", metavar="FILE", help="Override the scenario's structure."),
+        click.option(
+            "--set",
+            "overrides",
+            multiple=True,
+            callback=assignments,
+            metavar="UNIT.VARIABLE=VALUE",
+            help=f"{set_help} Repeatable.",
+        ),
+        click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s."),
+        click.option("--step", type=POSITIVE, metavar="S", help=step_help),
+    )
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
 def note(text: str) -> None:
-    """One line for the person at the terminal, apart from the data on stdout."""
+    """Prints one line to stderr, apart from the data on stdout."""
     click.echo(text, err=True)
+
+
+def chosen_structure(name: str | None) -> Any:
+    """The structure of the option --structure, by default `kiel`."""
+    from flexbeams.plant.errors import InputError
+    from flexbeams.scenarios.api.designs import structure
+
+    try:
+        return structure(name or "kiel")
+    except InputError as error:
+        raise error if error.source else error.at("--structure") from None

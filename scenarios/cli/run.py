@@ -2,38 +2,20 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from math import isfinite
+from os.path import exists
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.cli.options import BACKENDS, BASES, COUPLINGS, POSITIVE, compiler_option, note
+from flexbeams.scenarios.cli.options import POSITIVE, compiler_option, note, scenario_options
+from flexbeams.scenarios.definition.choices import BACKENDS, FORMATS
 
-FORMATS = ("csv", "parquet", "mat")
-
-
-def assignment(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, Any]:
-    """INSTANCE.VARIABLE=VALUE options as a table; several numbers, separated by commas, are those of an array."""
-    table: dict[str, Any] = {}
-    for text in values:
-        name, equals, value = text.rpartition("=")
-        if not equals or "." not in name:
-            raise click.BadParameter(f"must be INSTANCE.VARIABLE=VALUE, got {text!r}")
-        if value.lower() in ("true", "false"):
-            table[name] = value.lower() == "true"
-            continue
-        try:
-            numbers = [float(part) for part in value.removeprefix("[").removesuffix("]").split(",")]
-        except ValueError:
-            raise click.BadParameter(
-                f"{name} must be a number, numbers separated by commas, true or false, got {value!r}"
-            ) from None
-        if not all(map(isfinite, numbers)):
-            raise click.BadParameter(f"{name} must be finite, got {value!r}")
-        table[name] = numbers if "," in value or value.startswith("[") else numbers[0]
-    return table
+if TYPE_CHECKING:
+    from flexbeams.scenarios.report.figure_process import FigureProcess
+    from flexbeams.scenarios.runs.job import Job, JobResult
+    from flexbeams.scenarios.runs.progress import Display
 
 
 def _formats(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> tuple[str, ...]:
@@ -47,23 +29,14 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 
 @click.command()
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...")
-@click.option("--backend", type=BACKENDS, default="native", show_default=True, help="Kernel of the units.")
-@compiler_option
-@click.option("--coupling", type=COUPLINGS, help="Override the scenario's coupling.")
-@click.option("--basis", type=BASES, help="Override the basis of design and plant.")
-@click.option("--structure", metavar="FILE", help="Override the scenario's structure.")
 @click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    callback=assignment,
-    metavar="UNIT.VARIABLE=VALUE",
-    help="Set a start value or parameter: plant.beam[1].tip_mass=0.03, plant.beam[].tip_mass=0.03 for all, "
-    "plant.u=100,0,0,0 for an array. Repeatable.",
+    "--backend", type=click.Choice(list(BACKENDS)), default="native", show_default=True, help="Kernel of the units."
 )
-@click.option("--stop-time", type=POSITIVE, metavar="S", help="Simulated time in s.")
-@click.option(
-    "--step", type=POSITIVE, metavar="S", help="Communication step in s; by default the scenario's, or the package's."
+@compiler_option
+@scenario_options(
+    "Set a start value or parameter: plant.beam[1].tip_mass=0.03, plant.beam[].tip_mass=0.03 for all, "
+    "plant.u=100,0,0,0 for an array.",
+    "Communication step in s; by default the scenario's, or the package's.",
 )
 @click.option(
     "--decimate",
@@ -79,14 +52,14 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     callback=_formats,
     default=("csv",),
     show_default=True,
-    metavar="csv|parquet|mat",
+    metavar="|".join(FORMATS),
     help="Files of the recorded signals; several separated by commas.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Scenarios that run side by side. [default: as many as there are cores]",
+    help="Scenarios that run in parallel. [default: as many as there are cores]",
 )
 @click.option(
     "--out",
@@ -96,107 +69,111 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option("--real-time", is_flag=True, help="Pace the run to the wall clock (native units); lateness is reported.")
 @click.option(
     "--real-time-factor",
-    "real_time_factor",
     type=POSITIVE,
     metavar="F",
     help="Simulated seconds for each second of the wall clock: 0.1 is slow motion. Implies --real-time.",
 )
 @click.option("--no-figures", is_flag=True, help="Write no figures.")
 @click.option("--no-report", is_flag=True, help="Write no report.html.")
-def run(
-    scenarios: tuple[str, ...],
-    formats: Any,
-    jobs: int | None,
-    out: Path | None,
-    no_figures: bool,
-    no_report: bool,
-    real_time: bool,
-    real_time_factor: float | None,
-    **options: Any,
-) -> int:
+def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, **options: Any) -> int:
     """Run scenarios (names from `flexbeams list`, files, or SSP packages) and check the results.
 
     Builds the units that are missing, runs them, writes results.csv, summary.json, figures and report.html, and
-    prints each check beside the paper's figure. Several scenarios run side by side.
+    prints each check beside the paper's figure. Several scenarios run in parallel.
     """
     from flexbeams.scenarios.runs.progress import Display
 
+    if real_time and options["real_time_factor"] is None:
+        options["real_time_factor"] = 1.0
     names = [Path(scenario).stem for scenario in scenarios]
-    with Display(names) as display, ExitStack() as stack:
-        beside = None
-        if len(names) == 1 and not no_figures and not real_time and real_time_factor is None:
+    with ExitStack() as stack:
+        display = stack.enter_context(Display(names))
+        figure_process = None
+        if len(names) == 1 and not options["no_figures"] and options["real_time_factor"] is None:
             from flexbeams.scenarios.report.figure_process import FigureProcess  # before all that takes time
 
-            beside = stack.enter_context(FigureProcess())
-        from flexbeams.scenarios.definition.schema import find_scenario, read_scenario
-        from flexbeams.scenarios.definition.settings import Settings
-        from flexbeams.scenarios.importing.package import is_package
-        from flexbeams.scenarios.results.formats import require_formats
-        from flexbeams.scenarios.runs.job import Job, run_job
-        from flexbeams.scenarios.runs.package import require_package
+            figure_process = stack.enter_context(FigureProcess())
+        results = _run_all(_planned(scenarios, stack, **options), jobs, display, figure_process)
+    from flexbeams.scenarios.cli.run_tables import show_checks, show_overview
 
-        for k, scenario in enumerate(scenarios):
-            if is_package(scenario):
-                require_package(Path(scenario))
-            else:
-                read_scenario(find_scenario(scenario))
-            if names[k] in names[:k]:
-                raise InputError("SCENARIO", "must be given once, since its name is that of its results", names[k])
-        require_formats(formats)
-        folders = [out if out and len(names) == 1 else (out or Path("results")) / name for name in names]
-        stack.enter_context(_folders(folders))
-        settings = Settings(
-            record_animation=not no_report, real_time_factor=real_time_factor or (1.0 if real_time else None), **options
+    for result in results:
+        show_checks(result)
+        if result.message and len(results) == 1:
+            note(f"flexbeams: {result.message}")
+    if len(results) > 1:
+        show_overview(results)
+    return max(result.status for result in results)
+
+
+def _planned(
+    scenarios: Sequence[str],
+    stack: ExitStack,
+    *,
+    out: Path | None,
+    formats: Any,
+    no_figures: bool,
+    no_report: bool,
+    **options: Any,
+) -> "list[Job]":
+    """The jobs, with all input read and folders for their results made."""
+    from flexbeams.scenarios.definition.settings import Settings
+    from flexbeams.scenarios.results.formats import require_formats
+    from flexbeams.scenarios.runs.job import Job, opened_experiment
+
+    experiments = [stack.enter_context(opened_experiment(scenario)) for scenario in scenarios]
+    names = [experiment.name for experiment in experiments]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise InputError("SCENARIO", "must be given once, since its name is that of its results", name)
+    require_formats(formats)
+    folders = [out if out and len(names) == 1 else (out or Path("results")) / name for name in names]
+    stack.enter_context(_folders(folders))
+    settings = Settings(record_animation=not no_report, **options)
+    return [
+        Job(
+            experiment=experiment,
+            folder=folder,
+            settings=settings,
+            formats=formats,
+            figures=not no_figures,
+            report=not no_report,
         )
-        planned = [
-            Job(
-                scenario=scenario,
-                folder=folder,
-                settings=settings,
-                formats=formats,
-                figures=not no_figures,
-                report=not no_report,
-            )
-            for scenario, folder in zip(scenarios, folders, strict=True)
-        ]
-        if len(planned) > 1:
-            from flexbeams.scenarios.runs.parallel import run_parallel, usable_cores
+        for experiment, folder in zip(experiments, folders, strict=True)
+    ]
 
-            finished = run_parallel(planned, min(jobs or usable_cores(), len(planned)), display)
-        else:
-            finished = [
-                run_job(
-                    planned[0], display.note, lambda done, steps: display.progress(names[0], done, steps), beside=beside
-                )
-            ]
-    from flexbeams.scenarios.cli.tables import show_checks, show_overview
 
-    for one in finished:
-        show_checks(one)
-        if one.message and len(finished) == 1:
-            note(f"flexbeams: {one.message}")
-    if len(finished) > 1:
-        show_overview(finished)
-    return max(one.status for one in finished)
+def _run_all(
+    planned: "Sequence[Job]", jobs: int | None, display: "Display", figure_process: "FigureProcess | None"
+) -> "list[JobResult]":
+    """Runs one job in this process, several in parallel ones."""
+    if len(planned) > 1:
+        from flexbeams.scenarios.runs.parallel import run_parallel, usable_cores
+
+        return run_parallel(planned, min(jobs or usable_cores(), len(planned)), display)
+    from flexbeams.scenarios.runs.job import run_job
+    from flexbeams.scenarios.runs.observer import Observer
+
+    job = planned[0]
+    observer = Observer(notify=display.note, progress=lambda done, steps: display.progress(job.name, done, steps))
+    return [run_job(job, observer, figure_process=figure_process)]
 
 
 @contextmanager
 def _folders(folders: Sequence[Path]) -> Iterator[None]:
-    """Makes folders for results, so that a run is not lost for want of one; in the end, new ones that are empty go."""
-    made: list[Path] = []
+    """Creates result folders before anything runs; at the end, new ones that are empty are removed."""
+    created: list[Path] = []
     try:
         for folder in folders:
-            made += [f for f in (*reversed(folder.parents), folder) if not f.exists()]
-            _require_folder(folder)
+            created += [f for f in (*reversed(folder.parents), folder) if not exists(f)]
+            _create_folder(folder)
         yield
     finally:
-        for folder in reversed(made):
+        for folder in reversed(created):
             with suppress(OSError):
                 folder.rmdir()
 
 
-def _require_folder(folder: Path) -> None:
-    """A folder for results, made here so that a run is not lost for want of one."""
+def _create_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,21 +1,16 @@
 """The scenario file: instances, connections, inputs and checks of one experiment."""
 
 from dataclasses import field
-from os.path import isfile
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from flexbeams.controller.options import DesignOptions
-from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.plant.galerkin import BasisName
-from flexbeams.plant.validation import STRICT, Finite, Index, NonNegative, Positive, read_toml, validate
+from flexbeams.plant.errors import InputError
+from flexbeams.plant.validation import STRICT, Finite, Index, NonNegative, Positive
+from flexbeams.scenarios.definition.choices import BasisName, Coupling
 
-FOLDER = Path(__file__).parents[1] / "library"
-
-Coupling = Literal["jacobi", "gauss-seidel"]
 Value = Finite | bool | list[Finite]
 Measure = Literal[
     "largest",
@@ -214,51 +209,3 @@ class Scenario:
         for name in self.instance:
             if not name.isidentifier():
                 raise InputError(f"instance.{name}", "must be a name of letters, digits and underscores")
-
-
-def scenario_files() -> dict[str, Path]:
-    """The shipped scenarios by name, in the order of a tour."""
-    order = [
-        "step_response",
-        "feedforward",
-        "tracking",
-        "disturbance_open_loop",
-        "disturbance",
-        "retarget",
-        "high_fidelity",
-        "high_fidelity_exact_statics",
-        "mismatch",
-        "offset_free",
-        "offset_free_high_fidelity",
-        "single_beam",
-        "five_beams",
-    ]
-    files = {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
-    return {name: files[name] for name in [*(n for n in order if n in files), *(n for n in files if n not in order)]}
-
-
-def find_scenario(name: str) -> Path:
-    """The file of a scenario given as a shipped name or as a file; InputError where there is none."""
-    shipped = scenario_files()
-    if name in shipped:
-        return shipped[name]
-    if Path(name).suffix.lower() == ".fmu":
-        raise InputError("scenario", "must be a scenario or an SSP package, which name FMUs", name)
-    if isfile(name):  # False also for a name that no file can have
-        return Path(name)
-    raise InputError("scenario", f"{name!r} is neither a file nor a shipped scenario" + suggestion(name, shipped))
-
-
-def read_scenario(path: Path) -> Scenario:
-    """A scenario file, checked; InputError in one line otherwise."""
-    return validate(Scenario, read_toml(path), str(path))
-
-
-def first_comment(path: Path) -> str:
-    """The first comment of a scenario file: what it shows."""
-    lines = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#"):
-            break
-        lines.append(line.lstrip("# ").rstrip())
-    return " ".join(lines)

@@ -1,28 +1,167 @@
-"""What the command line changes of a scenario."""
+"""Settings of a run, and the precedence of everything that can be given in more than one place.
 
-from dataclasses import dataclass, field
+Options of the command line come before the scenario's keys, and those before the defaults. A start value is that of
+--set; else of the scenario's table `start`; else the unit's own value times the scenario's factor in `scale`; else the
+unit's own, which comes from the design or the FMU. In a package, the parameter sets take the place of the scenario's
+tables.
+"""
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from flexbeams.fmus.packaging.build import Backend
-from flexbeams.plant.galerkin import BasisName
-from flexbeams.scenarios.definition.schema import Coupling, Value
+from flexbeams.controller.options import DesignOptions
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
+from flexbeams.scenarios.definition.schema import Instance, Scenario, Value
 
 BUILD_FOLDER = Path("build/fmus")
+INT32 = range(-(2**31), 2**31)
+
+StartValues = dict[str, float | bool]  # by variable
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What the command line changes of a scenario; None keeps what the scenario says."""
+    """Options of a run; None keeps the scenario's value."""
 
     backend: Backend = "native"
     compiler: str = "zig"
-    real_time_factor: float | None = None  # simulated seconds a second of the wall clock; None: as fast as it goes
+    real_time_factor: float | None = None  # simulated seconds for each second of the wall clock; None: unpaced
     coupling: Coupling | None = None
     basis: BasisName | None = None
     structure: str | None = None
-    stop_time: float | None = None
+    stop_time: float | None = None  # s
     step: float | None = None  # s, between communication points
-    overrides: dict[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to value
+    overrides: Mapping[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to start value
     decimate: int = 1  # every which step is recorded
     build_folder: Path = BUILD_FOLDER
-    record_animation: bool = True  # shapes for the animation are recorded
+    record_animation: bool = True  # record the deflected beams for the animation
+
+    def __post_init__(self) -> None:
+        for name in ("stop_time", "step", "real_time_factor"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise InputError(f"--{name.replace('_', '-')}", "must be finite and > 0", value)
+        if self.decimate < 1:
+            raise InputError("--decimate", "must be >= 1", self.decimate)
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """The scenario with these settings in place of its own values."""
+        return replace(
+            scenario,
+            coupling=self.coupling or scenario.coupling,
+            stop_time=self.stop_time or scenario.stop_time,
+            step=self.step or scenario.step,
+            design=_on_basis(scenario.design, self.basis),
+        )
+
+    def stop_time_source(self, source: str) -> str:
+        """The option or the file that the stop time comes from, for messages."""
+        return "--stop-time" if self.stop_time else source
+
+    def of_open_loop(self, instances: Collection[str]) -> "Settings":
+        """Settings of the run to compare with: start values of the instances that it has, no animation, unpaced."""
+        overrides = {key: value for key, value in self.overrides.items() if key.partition(".")[0] in instances}
+        return replace(self, overrides=overrides, record_animation=False, real_time_factor=None)
+
+
+def _on_basis(options: DesignOptions, basis: BasisName | None) -> DesignOptions:
+    """The options on another basis; order and norm then take that basis's defaults."""
+    if basis is None or options.basis == basis:
+        return options
+    return replace(options, basis=basis, order=None, output_weight=None)
+
+
+def start_values(
+    scenario: Scenario,
+    declarations: Mapping[str, InstanceDeclaration],
+    overrides: Mapping[str, Value],
+    source: str,
+    parameter_sets: Mapping[str, StartValues] | None = None,
+) -> dict[str, StartValues]:
+    """Start values of each instance that differ from its unit's own, by the precedence above.
+
+    `overrides` are those of --set, `parameter_sets` those of a package. Raises InputError for an unknown name and for a
+    value that does not fit its variable.
+    """
+    values = {name: dict((parameter_sets or {}).get(name, {})) for name in declarations}
+    for name, instance in scenario.instance.items():
+        variables = declarations[name].variables
+        values[name] |= dict(_scaled(name, instance, variables, source))
+        for key, value in instance.start.items():
+            values[name] |= _assigned(f"instance.{name}.start.{key}", key, value, variables, source)
+    for key, value in overrides.items():
+        owner, _, variable = key.partition(".")
+        if owner not in declarations:
+            raise InputError("--set", f"names an unknown instance {owner!r}" + suggestion(owner, declarations), key)
+        values[owner] |= _assigned(f"--set {key}", variable, value, declarations[owner].variables, "")
+    return values
+
+
+def require_undriven(overrides: Mapping[str, Value], driven: Mapping[str, Collection[str]]) -> None:
+    """InputError for a --set of an input that a connection or a signal drives, where it would have no effect.
+
+    `driven` has these inputs by instance.
+    """
+    for key in overrides:
+        owner, _, variable = key.removesuffix("[]").partition(".")
+        if any(name == variable or name.startswith(f"{variable}[") for name in driven[owner]):
+            raise InputError("--set", "must not set an input that the scenario drives", key)
+
+
+def _scaled(name: str, instance: Instance, variables: Mapping[str, Any], source: str) -> Iterator[tuple[str, float]]:
+    """Start values of the unit times the factors of the table `scale`."""
+    for key, factor in instance.scale.items():
+        where = f"instance.{name}.scale.{key}"
+        for variable, f in _pairs(where, key, factor, variables, source):
+            if variables[variable].type != "Real":
+                raise InputError(where, "must be of a Real variable", variables[variable].type, source=source)
+            scaled = float(variables[variable].start) * float(f)
+            _require_fit(where, variables[variable], scaled, source)
+            yield variable, scaled
+
+
+def _assigned(where: str, key: str, value: Any, variables: Mapping[str, Any], source: str) -> StartValues:
+    pairs = _pairs(where, key, value, variables, source)
+    for name, v in pairs:
+        _require_fit(where, variables[name], v, source)
+    return dict(pairs)
+
+
+def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], source: str) -> list[tuple[str, Any]]:
+    """Scalars with their values, for a scalar, an array (by its name) or a family (a name with [])."""
+    if "[]" in key:
+        head, tail = key.split("[]", 1)
+        names = [n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}")]
+    else:
+        names = element_names(variables, key)
+    settable = [n for n in names if variables[n].causality in ("parameter", "input")]
+    if not settable:
+        known = [
+            re.sub(r"\[[0-9,]+\]$", "", re.sub(r"\[[0-9,]+\]\.", "[].", n))
+            for n, v in variables.items()
+            if v.causality in ("parameter", "input")
+        ]  # arrays and families, not each of their elements
+        rule = "is not settable" if names else "is not a variable" + suggestion(key, known)
+        raise InputError(where, rule, key, source=source)
+    listed = value if isinstance(value, list) else [value] * len(settable)
+    if len(listed) != len(settable):
+        raise InputError(where, f"must have {len(settable)} values", value, source=source)
+    return list(zip(settable, listed, strict=True))
+
+
+def _require_fit(where: str, variable: Any, value: float | bool, source: str) -> None:
+    """InputError for a value that is not of the variable's type or outside its bounds."""
+    kind = variable.type
+    whole = kind != "Integer" or (value == int(value) and int(value) in INT32)
+    if isinstance(value, bool) != (kind == "Boolean") or kind not in ("Real", "Integer", "Boolean") or not whole:
+        raise InputError(where, f"must be of type {kind}", value, source=source)
+    low = "-inf" if variable.min is None else variable.min
+    high = "inf" if variable.max is None else variable.max
+    if not float(low) <= value <= float(high):
+        raise InputError(where, f"must be from {low} to {high}", value, source=source)

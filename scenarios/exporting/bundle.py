@@ -9,16 +9,16 @@ from typing import Any
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
-from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE, source_data, source_interface
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.definition.schema import Coupling, Scenario, find_scenario, first_comment
+from flexbeams.scenarios.definition.choices import Coupling
+from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.links import Link
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.importing.fmu import unit_description
-from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run
-from flexbeams.scenarios.runs.scenario import prepare
+from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
 
 SOURCE = "source"  # component of the external signals, followed by _ where an instance has that name
 
@@ -51,32 +51,31 @@ def build_bundle(
     Start values are built into the units, so that they hold in tools that ignore parameter sets. Raises the same errors
     as `run_scenario`, and BuildError where units cannot be compiled.
     """
-    path = find_scenario(name)
-    scenario, design = prepare(path, settings)
-    scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
+    prepared = prepare_scenario(load_scenario(name), settings)
+    scenario, design = prepared.scenario, prepared.design
     units, files = [], {}
     for instance, declared in scenario.instance.items():
         files[instance] = folder / f"{_file_name(scenario, instance)}.fmu"
         if declared.unit is None:
-            files[instance].write_bytes(_provided_fmu(path, instance, str(declared.fmu), draft).read_bytes())
+            files[instance].write_bytes(_provided_fmu(prepared, instance).read_bytes())
             continue
-        kind = require_kind(declared.unit, f"instance.{instance}.unit")
-        unit = native_unit(kind, design, draft.models[instance], files[instance], draft.starts[instance])
+        kind = prepared.kinds[instance]
+        unit = native_unit(kind, design, prepared.models[instance], files[instance], prepared.starts[instance])
         units.append(unit.with_real_flags() if flags_as_real else unit)
-    source, driven = _source(path, scenario, draft, folder / f"{SIGNAL_SOURCE.name}.fmu")
+    source, driven = _source(prepared, folder / f"{SIGNAL_SOURCE.name}.fmu")
     if driven:
         units.append(source)
         files[source_name(scenario)] = source.out
     notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
     build_native_units(units, platforms, settings.compiler, version=version("flexbeams"))
     return ExportBundle(
-        name=path.stem,
-        description=first_comment(path) or scenario.title,
-        units={n: unit_description(file, "FMU", str(path)) for n, file in files.items()},
+        name=prepared.file.name,
+        description=prepared.file.description or scenario.title,
+        units={n: unit_description(file, "FMU", prepared.source) for n, file in files.items()},
         files=files,
-        links=_links(draft, driven, source_name(scenario)),
+        links=_links(prepared, driven, source_name(scenario)),
         stop_time=scenario.stop_time,
-        step=draft.step,
+        step=prepared.step,
         coupling=scenario.coupling,
     )
 
@@ -86,16 +85,16 @@ def parameters_of(unit: Any) -> list[Any]:
     return [v for v in unit.modelVariables if v.causality == "parameter" and v.type in ("Real", "Integer", "Boolean")]
 
 
-def _provided_fmu(path: Path, instance: str, fmu: str, draft: PreparedRun) -> Path:
+def _provided_fmu(prepared: PreparedScenario, instance: str) -> Path:
     """An FMU file of the scenario; start values cannot be built into it."""
-    if draft.starts[instance]:
+    if prepared.starts[instance]:
         raise InputError(
             f"instance.{instance}",
             "must keep the start values of its FMU in a package: many tools ignore parameter sets",
-            ", ".join(draft.starts[instance]),
-            source=str(path),
+            ", ".join(prepared.starts[instance]),
+            source=prepared.source,
         )
-    return path.parent / fmu
+    return prepared.provided_fmu(instance)
 
 
 def _file_name(scenario: Scenario, instance: str) -> str:
@@ -113,27 +112,27 @@ def source_name(scenario: Scenario) -> str:
     return name
 
 
-def _source(path: Path, scenario: Scenario, draft: PreparedRun, out: Path) -> tuple[NativeUnit, dict[str, str]]:
+def _source(prepared: PreparedScenario, out: Path) -> tuple[NativeUnit, dict[str, str]]:
     """The source of the external signals, and its output by <instance>.<input>."""
     signals, driven = source_signals(
-        scenario,
-        path.parent,
-        {n: i.variables for n, i in draft.instances.items()},
-        draft.starts,
-        set(draft.wiring.links()),
+        prepared.scenario,
+        prepared.folder,
+        {n: i.variables for n, i in prepared.declarations.items()},
+        prepared.starts,
+        set(prepared.wiring.links()),
     )
     try:
-        interface = source_interface(signals, draft.step, scenario.stop_time)
+        interface = source_interface(signals, prepared.step, prepared.scenario.stop_time)
     except InterfaceError as error:  # inputs of third-party units whose names cannot be those of outputs
-        raise InputError("input", str(error), source=str(path)) from None
+        raise InputError("input", str(error), source=prepared.source) from None
     data = source_data(interface, signals)
     return NativeUnit(kind=SIGNAL_SOURCE, interface=interface, data=data, out=out), driven
 
 
-def _links(draft: PreparedRun, driven: Mapping[str, str], source: str) -> list[Link]:
+def _links(prepared: PreparedScenario, driven: Mapping[str, str], source: str) -> list[Link]:
     """Links between the units, and from the source of signals, in the order of the inputs."""
-    sources, links = draft.wiring.links(), []
-    for instance, declared in draft.instances.items():
+    sources, links = prepared.wiring.links(), []
+    for instance, declared in prepared.declarations.items():
         for name in (n for n, v in declared.variables.items() if v.causality == "input"):
             if f"{instance}.{name}" in driven:
                 links.append(Link(source, driven[f"{instance}.{name}"], instance, name))

@@ -5,23 +5,21 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from flexbeams.controller.design import Design
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.closed_loop import ClosedLoop, closed_loop_unit
 from flexbeams.fmus.packaging.native import build_native_units
-from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.fmus.units.closed_loop import CLOSED_LOOP, LoopPart, LoopWire, part_references
 from flexbeams.fmus.units.kind import with_real_flags
 from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE, source_data, source_interface
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.definition.schema import Scenario, find_scenario
+from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.bundle import source_name
 from flexbeams.scenarios.exporting.input_file import input_table
 from flexbeams.scenarios.exporting.source_signals import source_signals
-from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_run
-from flexbeams.scenarios.runs.scenario import prepare
+from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
 
 MAX_NAME_LENGTH = 18  # of an instance: <instance>.<variable> must fit into the unit's tables
 
@@ -52,22 +50,21 @@ def export_closed_loop(
     signals are inside (`with_signals`), or in the CSV file <stem>_in.csv beside `out`. Raises the same errors as
     `run_scenario`, InputError for an unknown part, and BuildError where the unit cannot be compiled.
     """
-    path = find_scenario(name)
-    scenario, design = prepare(path, settings)
-    chosen = _chosen(scenario, parts, str(path))
-    _check(scenario, chosen, str(path))
-    scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
+    loaded = load_scenario(name)
+    chosen = _chosen(loaded.scenario, parts, str(loaded.path))
+    _check(loaded.scenario, chosen, str(loaded.path))
+    prepared = prepare_scenario(loaded, settings)
     options = LoopOptions(parts=chosen, with_signals=with_signals, flags_as_real=flags_as_real)
     try:
-        unit = _unit(path, scenario, design, draft, options, out)
+        unit = _unit(prepared, options, out)
     except InterfaceError as error:
-        raise InputError("", str(error), source=str(path)) from None
+        raise InputError("", str(error), source=prepared.source) from None
     notify(f"building {unit.interface.unit_name}")
     build_native_units([unit], platforms, settings.compiler, version=version("flexbeams"))
     if not with_signals:
         references = part_references(unit.parts)
         inputs = {name: unit.interface.variables[k].name for name, k in references.items()}
-        if table := input_table(scenario, draft, inputs):
+        if table := input_table(prepared, inputs):
             file = out.with_name(f"{out.stem}_in.csv")
             write_whole(file, table)
             notify(f"the host drives the inputs: {file} has the scenario's signals (--with-signals puts them inside)")
@@ -102,17 +99,16 @@ def _check(scenario: Scenario, chosen: Sequence[str], source: str) -> None:
             )
 
 
-def _unit(
-    path: Path, scenario: Scenario, design: Design, draft: PreparedRun, options: LoopOptions, out: Path
-) -> ClosedLoop:
-    parts = [_part(scenario, design, draft, name, options.flags_as_real) for name in options.parts]
+def _unit(prepared: PreparedScenario, options: LoopOptions, out: Path) -> ClosedLoop:
+    scenario = prepared.scenario
+    parts = [_part(prepared, name, options.flags_as_real) for name in options.parts]
     wires = [
         LoopWire(source=source, to=to)
-        for to, source in draft.wiring.links().items()
+        for to, source in prepared.wiring.links().items()
         if {source.partition(".")[0], to.partition(".")[0]} <= set(options.parts)
     ]
     if options.with_signals:
-        source, driven = _source(path, scenario, draft, options.parts)
+        source, driven = _source(prepared, options.parts)
         parts += source
         wires += driven
     listed = ", ".join(f"{part.name} ({part.kind.name})" for part in parts)
@@ -121,7 +117,7 @@ def _unit(
         parts,
         wires,
         scenario.coupling,
-        step=draft.step,
+        step=prepared.step,
         stop_time=scenario.stop_time,
         description=f"{scenario.title}: {listed} in one unit",
         out=out,
@@ -134,33 +130,32 @@ def unit_name(parts: Sequence[str]) -> str:
     return "Beam" + "".join(part[:1].upper() + part[1:] for part in parts)
 
 
-def _part(scenario: Scenario, design: Design, draft: PreparedRun, name: str, flags_as_real: bool) -> LoopPart:
-    kind = require_kind(str(scenario.instance[name].unit), f"instance.{name}.unit")
-    interface, data = kind.contents(design, draft.models[name])
+def _part(prepared: PreparedScenario, name: str, flags_as_real: bool) -> LoopPart:
+    kind = prepared.kinds[name]
+    interface, data = kind.contents(prepared.design, prepared.models[name])
     if flags_as_real:
         interface = with_real_flags(interface)
-    return LoopPart(name=name, kind=kind, interface=interface.with_starts(draft.starts[name]), data=data)
+    return LoopPart(name=name, kind=kind, interface=interface.with_starts(prepared.starts[name]), data=data)
 
 
-def _source(
-    path: Path, scenario: Scenario, draft: PreparedRun, chosen: Sequence[str]
-) -> tuple[list[LoopPart], list[LoopWire]]:
+def _source(prepared: PreparedScenario, chosen: Sequence[str]) -> tuple[list[LoopPart], list[LoopWire]]:
     """The source of the scenario's signals for the chosen parts, stepped last, and its wires; none without signals.
 
     Inputs that the scenario leaves open stay inputs of the unit, but for elements of arrays that a signal drives.
     """
+    scenario = prepared.scenario
     inputs = [drive for drive in scenario.input if drive.to.partition(".")[0] in chosen]
     if not inputs:
         return [], []
     signals, driven = source_signals(
         replace(scenario, input=inputs),
-        path.parent,
-        {name: draft.instances[name].variables for name in chosen},
-        draft.starts,
-        set(draft.wiring.links()),
+        prepared.folder,
+        {name: prepared.declarations[name].variables for name in chosen},
+        prepared.starts,
+        set(prepared.wiring.links()),
         open_arrays=False,
     )
     name = source_name(scenario)
-    interface = source_interface(signals, draft.step, scenario.stop_time)
+    interface = source_interface(signals, prepared.step, scenario.stop_time)
     part = LoopPart(name=name, kind=SIGNAL_SOURCE, interface=interface, data=source_data(interface, signals))
     return [part], [LoopWire(source=f"{name}.{output}", to=to) for to, output in driven.items()]

@@ -28,11 +28,11 @@ from flexbeams.fmus.interface.variables import TIME, Interface, Variable
 from flexbeams.fmus.packaging.compilers import Platform, chosen_platforms
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.definition.schema import Scenario, find_scenario, first_comment
+from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.exporting.container_parts import FOLDERS, ContainerPlan, Part, build_parts
-from flexbeams.scenarios.runs.prepare import prepare_run
-from flexbeams.scenarios.runs.scenario import prepare
+from flexbeams.scenarios.exporting.container_parts import FOLDERS, Part, build_parts
+from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
 
 PACKAGE = "fmu-manipulation-toolbox"
 MIN_VERSION = 2
@@ -55,21 +55,18 @@ def export_container(
     """
     targets = _targets(platforms)
     tool = _tool_version()
-    path = find_scenario(name)
-    scenario, design = prepare(path, settings)
-    scenario, draft = prepare_run(path, scenario, design, settings, lambda text: None)
-    plan = ContainerPlan(path=path, scenario=scenario, design=design, draft=draft)
-    links = draft.wiring.links()
+    prepared = prepare_scenario(load_scenario(name), settings)
+    links = prepared.wiring.links()
     with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
         folder = Path(temporary) / "units"
         folder.mkdir()
-        parts = build_parts(plan, folder, targets, settings.compiler, notify)
+        parts = build_parts(prepared, folder, targets, settings.compiler, notify)
         try:
-            interface = _interface(plan, parts, links)
+            interface = _interface(prepared, parts, links)
         except InterfaceError as error:
-            raise InputError("", f"cannot be a container: {error}", source=str(path)) from None
+            raise InputError("", f"cannot be a container: {error}", source=prepared.source) from None
         made = Path(temporary) / "container.fmu"
-        _assemble(folder, made, parts, links, interface, scenario)
+        _assemble(folder, made, parts, links, interface, prepared.scenario)
         entries, references = _entries(made, targets, interface.unit_name)
     entries |= _documents(interface, parts, links)
     guid = content_guid(_description(interface, references, parts, tool, ""), *(entries[n] for n in sorted(entries)))
@@ -106,26 +103,26 @@ def _tool_version() -> str:
     return found
 
 
-def _interface(plan: ContainerPlan, parts: Mapping[str, Part], links: Mapping[str, str]) -> Interface:
+def _interface(prepared: PreparedScenario, parts: Mapping[str, Part], links: Mapping[str, str]) -> Interface:
     """Variables <instance>.<variable> of the units, without connected inputs and without outputs not recorded."""
-    path, scenario, draft = plan.path, plan.scenario, plan.draft
+    scenario = prepared.scenario
     exposed = {
         f"{instance}.{v.name}": v
         for instance, part in parts.items()
         for v in part.variables
-        if _is_exposed(f"{instance}.{v.name}", v, links, draft.wiring.columns)
+        if _is_exposed(f"{instance}.{v.name}", v, links, prepared.wiring.columns)
     }
     inputs = tuple(dict.fromkeys(replace(v, name=n).array for n, v in exposed.items() if v.causality == "input"))
     variables = [
         replace(v, name=n, initial_inputs=inputs if v.initial == "calculated" else ()) for n, v in exposed.items()
     ]
     descriptions = [part.description.coSimulation for part in parts.values() if part.description is not None]
-    about = (first_comment(path) or scenario.title).rstrip(".")
+    about = (prepared.file.description or scenario.title).rstrip(".")
     return Interface(
-        unit_name=re.sub(r"^(?=\d)|\W", "_", path.stem, flags=re.ASCII),
-        step_size=draft.step,
+        unit_name=re.sub(r"^(?=\d)|\W", "_", prepared.file.name, flags=re.ASCII),
+        step_size=prepared.step,
         stop_time=scenario.stop_time,
-        description=f"{about}. Units inside: {', '.join(parts)}; steps of {draft.step:g} s, {scenario.coupling} "
+        description=f"{about}. Units inside: {', '.join(parts)}; steps of {prepared.step:g} s, {scenario.coupling} "
         "coupling; the host drives the inputs",
         variables=(TIME, *variables),
         needs_execution_tool=any(d.needsExecutionTool for d in descriptions),

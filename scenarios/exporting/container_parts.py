@@ -7,30 +7,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from flexbeams.controller.design import Design
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import Variable
 from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.compilers import Platform
 from flexbeams.fmus.packaging.native import build_native_units
-from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.definition.schema import Scenario
-from flexbeams.scenarios.runs.prepare import PreparedRun
+from flexbeams.scenarios.runs.prepare import PreparedScenario
 
 # Platform that the tool has a binary for: the folder in which that binary looks for those of the units inside
 FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "aarch64-darwin": "darwin64"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class ContainerPlan:
-    """A scenario, ready to be built."""
-
-    path: Path
-    scenario: Scenario
-    design: Design
-    draft: PreparedRun
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,24 +30,23 @@ class Part:
 
 
 def build_parts(
-    plan: ContainerPlan, folder: Path, targets: Sequence[Platform], compiler: str, notify: Callable[[str], None]
+    prepared: PreparedScenario, folder: Path, targets: Sequence[Platform], compiler: str, notify: Callable[[str], None]
 ) -> dict[str, Part]:
     """Units by instance, their files in `folder`."""
-    path, draft = plan.path, plan.draft
     parts, units = {}, []
-    for instance, declared in plan.scenario.instance.items():
+    for instance, declared in prepared.scenario.instance.items():
         file = folder / f"{instance}.fmu"
         if declared.unit is None:
-            description = draft.instances[instance].description
-            file.write_bytes(_provided_fmu(plan, instance, str(declared.fmu), targets).read_bytes())
+            description = prepared.declarations[instance].description
+            file.write_bytes(_provided_fmu(prepared, instance, targets).read_bytes())
             parts[instance] = Part(
                 unit=description.modelName,
                 description=description,
-                variables=_provided_variables(instance, description, draft.wiring.columns, path),
+                variables=_provided_variables(instance, description, prepared.wiring.columns, prepared.source),
             )
             continue
-        kind = require_kind(declared.unit, f"instance.{instance}.unit")
-        units.append(native_unit(kind, plan.design, draft.models[instance], file, draft.starts[instance]))
+        kind, model = prepared.kinds[instance], prepared.models[instance]
+        units.append(native_unit(kind, prepared.design, model, file, prepared.starts[instance]))
         parts[instance] = Part(unit=declared.unit, variables=units[-1].interface.variables)
     if units:
         notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
@@ -68,25 +54,27 @@ def build_parts(
     return parts
 
 
-def _provided_fmu(plan: ContainerPlan, instance: str, fmu: str, targets: Sequence[Platform]) -> Path:
+def _provided_fmu(prepared: PreparedScenario, instance: str, targets: Sequence[Platform]) -> Path:
     """An FMU file of the scenario. The tool's own start values cannot be used: they override the host's."""
-    source, file = str(plan.path), plan.path.parent / fmu
-    if plan.draft.starts[instance]:
+    source, file = prepared.source, prepared.provided_fmu(instance)
+    if prepared.starts[instance]:
         raise InputError(
             f"instance.{instance}",
             "must keep the start values of its FMU in a container",
-            ", ".join(plan.draft.starts[instance]),
+            ", ".join(prepared.starts[instance]),
             source=source,
         )
     with zipfile.ZipFile(file) as archive:
         folders = {name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")}
     for target in targets:
         if not folders & {target.name, FOLDERS[target.name]}:
-            raise InputError(f"instance.{instance}.fmu", f"must have a binary for {target.name}", fmu, source=source)
+            raise InputError(
+                f"instance.{instance}.fmu", f"must have a binary for {target.name}", file.name, source=source
+            )
     return file
 
 
-def _provided_variables(instance: str, description: Any, columns: Sequence[str], path: Path) -> tuple[Variable, ...]:
+def _provided_variables(instance: str, description: Any, columns: Sequence[str], source: str) -> tuple[Variable, ...]:
     """Inputs and parameters of an FMU file, and the variables that a run records."""
     read: dict[str, Callable[[str], float | int | bool]] = {
         "Real": float,
@@ -116,5 +104,5 @@ def _provided_variables(instance: str, description: Any, columns: Sequence[str],
                 )
             )
         except InterfaceError as error:
-            raise InputError("", f"cannot be a container: {error}", source=str(path)) from None
+            raise InputError("", f"cannot be a container: {error}", source=source) from None
     return tuple(variables)

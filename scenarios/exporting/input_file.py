@@ -5,32 +5,31 @@ from collections.abc import Mapping
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.definition.schema import Scenario
-from flexbeams.scenarios.runs.prepare import PreparedRun
+from flexbeams.scenarios.runs.prepare import PreparedScenario
 
 # A change of value at t_k lies between these times, in steps before t_k: early enough that a host's rounded clock
 # finds the new value at t_k, late enough that steps of a fraction of the unit's do so too.
 _OLD_UNTIL, _NEW_FROM = 0.011, 0.010
 
 
-def input_table(scenario: Scenario, draft: PreparedRun, inputs: Mapping[str, str]) -> bytes:
+def input_table(prepared: PreparedScenario, inputs: Mapping[str, str]) -> bytes:
     """CSV with the time (s) and the inputs that the scenario's signals drive; empty where there are none.
 
     `inputs` has the columns' names by <instance>.<input>. Times increase strictly; linear interpolation and holding
     the last row give the same values at all multiples of the step.
     """
-    places = {f"{owner}.{name}": place for owner, pairs in draft.wiring.inputs.items() for name, place in pairs}
-    driven = [drive.to for drive in scenario.input]
+    places = {f"{owner}.{name}": place for owner, pairs in prepared.wiring.inputs.items() for name, place in pairs}
+    driven = [drive.to for drive in prepared.scenario.input]
     names = [
         name for name in places if name in inputs and any(name == to or name.startswith(f"{to}[") for to in driven)
     ]
     if not names:
         return b""
-    time: Array = np.arange(draft.steps + 1, dtype=np.float64) * draft.step
-    signals = np.zeros((len(time), draft.wiring.size))
-    for span, signal in draft.wiring.external:
+    time: Array = np.arange(prepared.steps + 1, dtype=np.float64) * prepared.step
+    signals = np.zeros((len(time), prepared.wiring.size))
+    for span, signal in prepared.wiring.external:
         signals[:, span] = signal if isinstance(signal, float) else signal.sample(time)
-    rows = _steps(time, signals[:, [places[name] for name in names]], draft.step)
+    rows = _steps(time, signals[:, [places[name] for name in names]], prepared.step)
     header = ",".join(f'"{name}"' for name in ("time", *(inputs[name] for name in names)))
     return "\n".join([header, *(",".join(map(repr, row)) for row in rows.tolist()), ""]).encode()
 

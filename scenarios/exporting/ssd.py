@@ -1,14 +1,13 @@
 """SystemStructure.ssd of an exported scenario: components, connectors, connections, diagram, how to step it."""
 
-from typing import Any, Literal
+from typing import Any
 from xml.etree import ElementTree
 
 from flexbeams.fmus.documents.xml_documents import SSC, SSD, SSV, add_units, unit_attribute, xml_bytes
 from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE
+from flexbeams.scenarios.definition.choices import SspVersion
 from flexbeams.scenarios.exporting.bundle import ExportBundle, parameters_of
 from flexbeams.scenarios.exporting.diagram import Diagram, arrange
-
-SspVersion = Literal["1.0", "2.0"]
 
 OSP_ANNOTATIONS = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 OMS_ANNOTATIONS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"

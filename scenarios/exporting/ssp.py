@@ -6,9 +6,10 @@ from pathlib import Path
 
 from flexbeams.fmus.documents.xml_documents import parameter_set
 from flexbeams.plant.archive import write_whole, zip_bytes
+from flexbeams.scenarios.definition.choices import SspVersion
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.bundle import ExportBundle, build_bundle, parameters_of
-from flexbeams.scenarios.exporting.ssd import SspVersion, fmu_path, parameter_set_path, structure_document
+from flexbeams.scenarios.exporting.ssd import fmu_path, parameter_set_path, structure_document
 
 
 def export_ssp(

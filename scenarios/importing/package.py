@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.choices import Coupling
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from flexbeams.fmus.documents.xml_documents import SSC, SSD
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.package import Component, Connector, Package, PackageConnection
 from flexbeams.scenarios.importing.parameter_bindings import bind_system, bound_parameters

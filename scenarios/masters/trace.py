@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.simulation.recording import Recording
 
 

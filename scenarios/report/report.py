@@ -4,12 +4,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from flexbeams.controller.design import Design
 from flexbeams.plant.archive import write_whole
+from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
 from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
-from flexbeams.scenarios.runs.scenario import Run
+from flexbeams.scenarios.results.run import Run
 
 _TIMING = {"steps": "steps", "wall_s": "stepping loop, s", "real_time_factor": "times real time"}
 
@@ -26,16 +28,18 @@ def report_html(run: Run) -> str:
     groups = figure_groups(run.scenario, run.recording, run.open_loop)
     if further := remaining_signals_group(run.scenario, run.recording):
         groups.append(further)
-    moving = animation(run.recording.frames, run.design, _step(run))
+    if run.design is None:
+        raise ValueError("only runs of scenarios have a report")
+    moving = animation(run.recording.frames, run.design, _step(run.scenario, run.design))
     data = {"groups": groups, "animation": moving}
     return render(
         "report.html.j2",
         title=run.scenario.title,
         paper=run.scenario.paper,
-        about=run.about,
+        about=run.description,
         checks=[check_row(c) for c in run.summary["checks"]],
         outcome=_outcome(run),
-        facts=_facts(run),
+        facts=_facts(run, run.design),
         metrics=_metrics(run.summary["metrics"], run.summary["checks"]),
         timing=_timing(run.summary["timing"]),
         groups=groups,
@@ -68,22 +72,22 @@ def _outcome(run: Run) -> dict[str, Any]:
     return {"passed": True, "text": f"All {count} hold" if len(limited) > 1 else "The check holds"}
 
 
-def _step(run: Run) -> float:
-    return run.scenario.step or run.design.options.sample_time
+def _step(scenario: Scenario, design: Design) -> float:
+    return scenario.step or design.options.sample_time
 
 
-def _facts(run: Run) -> list[tuple[str, str]]:
+def _facts(run: Run, design: Design) -> list[tuple[str, str]]:
     """Facts about the run, as terms and descriptions."""
-    s, design, settings = run.scenario, run.design.summary, run.settings
+    s, summary, settings = run.scenario, design.summary, run.settings
     parts = [
-        (design["beams"], "beam"),
-        (design["inputs"], "patch pair"),
-        (len(run.design.structure.spring), "spring"),
-        (design["points_of_interest"], "point of interest"),
-        (design["strain_gauges"], "strain gauge"),
+        (summary["beams"], "beam"),
+        (summary["inputs"], "patch pair"),
+        (len(design.structure.spring), "spring"),
+        (summary["points_of_interest"], "point of interest"),
+        (summary["strain_gauges"], "strain gauge"),
     ]
     plants = {
-        f"{i.basis or design['basis']}" + (f" of order {i.order}" if i.order else "")
+        f"{i.basis or summary['basis']}" + (f" of order {i.order}" if i.order else "")
         for i in s.instance.values()
         if i.unit == "BeamPlant" and not settings.basis
     }
@@ -92,17 +96,17 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("Structure", f"{settings.structure or s.structure}: " + ", ".join(_plural(n, word) for n, word in parts)),
         (
             "Design",
-            f"basis {design['basis']} of order {design['order']}, {design['full_order']} states, reduced to "
-            f"{design['reduced_order']}",
+            f"basis {summary['basis']} of order {summary['order']}, {summary['full_order']} states, reduced to "
+            f"{summary['reduced_order']}",
         ),
-        *[("Plant", f"basis {name}") for name in sorted(plants - {design["basis"]})],
+        *[("Plant", f"basis {name}") for name in sorted(plants - {summary["basis"]})],
         ("Units", ", ".join(f"{name} ({i.unit or i.fmu})" for name, i in s.instance.items())),
         ("Backend", settings.backend),
-        ("Coupling", f"{s.coupling}, steps of {1e3 * _step(run):g} ms"),
+        ("Coupling", f"{s.coupling}, steps of {1e3 * _step(s, design):g} ms"),
         ("Simulated", f"{run.recording.time[-1]:g} s"),
         *([("Set", ", ".join(f"{k} = {v}" for k, v in settings.overrides.items()))] if settings.overrides else []),
-        ("Design id", run.design.design_id),
-        *(("Design warning", line) for line in run.design.summary["warnings"]),
+        ("Design id", design.design_id),
+        *(("Design warning", line) for line in summary["warnings"]),
         ("Version", f"flexbeams {version('flexbeams')}"),
     ]
     return facts

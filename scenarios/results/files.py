@@ -11,7 +11,8 @@ import orjson
 
 from flexbeams.plant.archive import remove_file, write_whole
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.results.formats import FORMATS, Format, write_mat, write_parquet
+from flexbeams.scenarios.definition.choices import FORMATS, Format
+from flexbeams.scenarios.results.formats import write_mat, write_parquet
 from flexbeams.scenarios.simulation.recording import Recording
 
 

@@ -17,17 +17,15 @@ from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.simulation.recording import Recording
-
-Format = Literal["csv", "parquet", "mat"]
-FORMATS: tuple[Format, ...] = get_args(Format)
 
 _MAX_NAME_LENGTH = 63  # characters of a MATLAB name
 _MAX_ARRAY_BYTES = 2**31 - 2**16  # bytes of a variable in a MAT file of version 5

@@ -1,30 +1,34 @@
-"""A run as the command line asks for it, to its files and its verdict."""
+"""Jobs: a scenario or package to run, where its results go, and the result as the command line reports it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.design import Design
-from flexbeams.plant.archive import remove_file
+from flexbeams.scenarios.definition.choices import Format
+from flexbeams.scenarios.definition.scenario_file import ScenarioFile, load_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.checks import Outcome
-from flexbeams.scenarios.results.files import write_results
-from flexbeams.scenarios.results.formats import Format
-from flexbeams.scenarios.runs.package import run_package
-from flexbeams.scenarios.runs.scenario import run_scenario, write_run
-from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.files import write_run
+from flexbeams.scenarios.runs.observer import SILENT, Observer
+from flexbeams.scenarios.runs.package import ExtractedPackage, extracted_package, run_package
+from flexbeams.scenarios.runs.scenario import run_scenario
 
 OK, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130  # exit statuses, in this order of severity
+
+Experiment = ScenarioFile | ExtractedPackage
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One scenario to run and where its results go."""
+    """An experiment to run and the files to write."""
 
-    scenario: str  # a shipped name or a file
+    experiment: Experiment
     folder: Path
     settings: Settings
     formats: Sequence[Format] = ("csv",)
@@ -33,13 +37,13 @@ class Job:
 
     @property
     def name(self) -> str:
-        """The scenario's name."""
-        return Path(self.scenario).stem
+        """The experiment's name."""
+        return self.experiment.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class JobResult:
-    """What there is to say of a job when it is over; without recordings, so that it passes between processes."""
+    """What there is to report of a finished job; small, since it is passed between processes."""
 
     name: str
     status: int  # exit status
@@ -51,37 +55,56 @@ class JobResult:
 
     @property
     def failed(self) -> int:
-        """Checks that do not hold."""
+        """Number of checks that do not hold."""
         return sum(not o.passed for o in self.outcomes)
 
     @property
     def factor(self) -> str:
-        """Simulated time by computing time, for people."""
+        """Simulated time divided by computing time, as text."""
         value = (self.timing or {}).get("real_time_factor")
         return f"{value:.1f}" if value else ""
 
 
-def run_job(
-    job: Job,
-    notify: Callable[[str], None],
-    progress: Callable[[int, int], None],
-    designs: Sequence[Design] = (),
-    beside: FigureProcess | None = None,
-) -> JobResult:
-    """Runs a job in this process and writes its files; errors as of run_scenario or run_package.
+@contextmanager
+def opened_experiment(name: str) -> Iterator[Experiment]:
+    """A scenario, given as a shipped name or as a file, or an SSP package, which is extracted until the end.
 
-    Figures are drawn `beside` where given.
+    Raises InputError for what cannot be read.
     """
-    if is_package(job.scenario):
-        return _execute_package(job, notify, progress)
-    run = run_scenario(job.scenario, job.settings, notify=notify, progress=progress, designs=designs)
-    write_run(run, job.folder, job.figures, job.report, job.formats, beside)
-    status, message = _verdict(run.recording, run.passed, job.folder)
-    title = f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else "")
+    if is_package(name):
+        with extracted_package(Path(name)) as package:
+            yield package
+    else:
+        yield load_scenario(name)
+
+
+def run_experiment(
+    experiment: Experiment, settings: Settings, observer: Observer = SILENT, designs: Sequence[Design] = ()
+) -> Run:
+    """Runs a scenario or a package; raises FlexbeamsError where the run cannot start."""
+    if isinstance(experiment, ExtractedPackage):
+        return run_package(experiment, settings, observer)
+    return run_scenario(experiment, settings, observer, designs)
+
+
+def run_job(
+    job: Job, observer: Observer, designs: Sequence[Design] = (), figure_process: FigureProcess | None = None
+) -> JobResult:
+    """Runs a job in this process and writes its files; raises FlexbeamsError where the run cannot start."""
+    run = run_experiment(job.experiment, job.settings, observer, designs)
+    write_run(
+        run,
+        job.folder,
+        figures=job.figures,
+        report=job.report,
+        formats=job.formats,
+        figure_process=figure_process,
+    )
+    status, message = _verdict(run, job.folder)
     return JobResult(
-        name=job.name,
+        name=run.name,
         status=status,
-        title=title,
+        title=f"{run.name}: {run.scenario.title}" + (f" (paper: {run.scenario.paper})" if run.scenario.paper else ""),
         folder=job.folder,
         outcomes=run.outcomes,
         timing=run.summary["timing"],
@@ -89,25 +112,10 @@ def run_job(
     )
 
 
-def _execute_package(job: Job, notify: Callable[[str], None], progress: Callable[[int, int], None]) -> JobResult:
-    """A package has no checks and no figures of its own."""
-    run = run_package(Path(job.scenario), job.settings, notify=notify, progress=progress)
-    remove_file(job.folder / "report.html")
-    write_results(job.folder, run.recording, run.summary, job.formats)
-    status, message = _verdict(run.recording, True, job.folder)
-    return JobResult(
-        name=job.name,
-        status=status,
-        title=f"{job.name}: {run.title}",
-        folder=job.folder,
-        timing=run.summary["timing"],
-        message=message,
-    )
-
-
-def _verdict(recording: Recording, passed: bool, folder: Path) -> tuple[int, str]:
+def _verdict(run: Run, folder: Path) -> tuple[int, str]:
+    recording = run.recording
     if recording.interrupted:
         return INTERRUPTED, f"interrupted at {recording.time[-1]:.6g} s; what was recorded is marked incomplete"
     if recording.failure is not None:
         return FAILED, f"{recording.failure}; what was recorded up to then is in {folder}"
-    return (OK if passed else CHECK_FAILED), ""
+    return (OK if run.passed else CHECK_FAILED), ""

@@ -1,7 +1,8 @@
-"""A run of an SSP: the same loop as a scenario's, with the units and connections of the package."""
+"""Runs of SSP packages: the same stepping as a scenario's, with the units and connections of the package."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,86 +10,107 @@ from typing import Any
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
-from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.definition.settings import Settings, start_values
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.package import Package
 from flexbeams.scenarios.importing.ssp import open_package
-from flexbeams.scenarios.runs.prepare import PreparedRun, require_one_design, require_room, whole_steps
-from flexbeams.scenarios.runs.scenario import run_summary, step_units
-from flexbeams.scenarios.runs.start_values import require_open, start_values
-from flexbeams.scenarios.simulation.recording import Recording
-from flexbeams.scenarios.simulation.wiring import WiringBuilder
+from flexbeams.scenarios.results.run import Run, run_summary
+from flexbeams.scenarios.runs.execution import execute
+from flexbeams.scenarios.runs.observer import SILENT, Observer
+from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_wiring
+from flexbeams.scenarios.runs.requirements import require_memory, require_one_design, whole_steps
 from flexbeams.scenarios.validation.package import start_table, structure_problems, unit_descriptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class PackageRun:
-    """A finished run of a package."""
+class ExtractedPackage:
+    """A package that is extracted and checked."""
 
-    title: str
-    recording: Recording
-    summary: dict[str, Any]
+    file: Path
+    package: Package
+    descriptions: dict[str, Any]  # FMPy's, by component
+    budget: ExtractionBudget  # what is left of it for the units
+
+    @property
+    def name(self) -> str:
+        """The package's name, which is that of its results."""
+        return self.file.stem
 
 
-def run_package(
-    file: Path,
-    settings: Settings,
-    *,
-    notify: Callable[[str], None] = lambda text: None,
-    progress: Callable[[int, int], None] = lambda done, steps: None,
-) -> PackageRun:
-    """Runs an SSP 1.0 of FMI 2.0 co-simulation units; InputError in one line for what cannot be run."""
+@contextmanager
+def extracted_package(file: Path) -> Iterator[ExtractedPackage]:
+    """A package in a temporary folder; InputError for one that cannot be run."""
+    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
+        budget = ExtractionBudget()
+        package = open_package(file, Path(folder) / "package", budget)
+        descriptions = unit_descriptions(package, str(file))
+        if problems := structure_problems(package, descriptions):
+            raise InputError("", problems[0], source=str(file))
+        yield ExtractedPackage(file=file, package=package, descriptions=descriptions, budget=budget)
+
+
+def run_package(file: Path | ExtractedPackage, settings: Settings, observer: Observer = SILENT) -> Run:
+    """Runs an SSP package of FMI 2.0 co-simulation units; InputError in one line for what cannot be run."""
+    if isinstance(file, Path):
+        with extracted_package(file) as extracted:
+            return run_package(extracted, settings, observer)
+    prepared = prepare_package(file, settings)
+    files = {name: component.fmu for name, component in file.package.components.items()}
+    recording = execute(prepared, files, observer, replace(file.budget))
+    ids = {str(v.start) for d in file.descriptions.values() for v in d.modelVariables if v.name == "design_id"}
+    return Run(
+        name=file.name,
+        description=file.package.description,
+        scenario=prepared.scenario,
+        settings=prepared.settings,
+        design=None,
+        recording=recording,
+        outcomes=[],
+        summary=run_summary(file.name, prepared.scenario, "".join(ids), prepared.settings, recording, []),
+    )
+
+
+def prepare_package(extracted: ExtractedPackage, settings: Settings) -> PreparedRun:
+    """Prepares the run of a package: names, sizes and values are checked."""
     for option, value in (("--structure", settings.structure), ("--basis", settings.basis)):
         if value is not None:
             raise InputError(option, "belongs to scenarios, the units of a package are built", value)
-    source, budget, settings = str(file), ExtractionBudget(), replace(settings, record_animation=False)
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        package, descriptions = _opened(file, Path(folder) / "package", budget)
-        scenario = _scenario(package, descriptions, settings, source)
-        draft = _draft(package, scenario, descriptions, settings, source)
-        recording = step_units(
-            {n: c.fmu for n, c in package.components.items()},
-            draft,
-            scenario,
-            settings,
-            source,
-            notify,
-            progress,
-            budget,
-        )
-    ids = {str(v.start) for d in descriptions.values() for v in d.modelVariables if v.name == "design_id"}
-    summary = run_summary(
-        file.stem, scenario, "".join(ids), replace(settings, backend=_backend(descriptions)), recording, []
-    )
-    return PackageRun(title=scenario.title, recording=recording, summary=summary)
-
-
-def require_package(file: Path) -> None:
-    """InputError for a package that cannot be run, before there is a folder for its results."""
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        _opened(file, Path(folder) / "package", ExtractionBudget())
-
-
-def _opened(file: Path, folder: Path, budget: ExtractionBudget) -> tuple[Package, dict[str, Any]]:
-    package = open_package(file, folder, budget)
-    descriptions = unit_descriptions(package, str(file))
-    if problems := structure_problems(package, descriptions):
-        raise InputError("", problems[0], source=str(file))
-    return package, descriptions
-
-
-def _backend(descriptions: dict[str, Any]) -> Any:
+    package, descriptions, source = extracted.package, extracted.descriptions, str(extracted.file)
     tools = any(d.coSimulation.needsExecutionTool for d in descriptions.values())
-    return "python" if tools else "native"
+    settings = replace(settings, record_animation=False, backend="python" if tools else "native")
+    step = _step(package, descriptions, settings, source)
+    scenario = _scenario(package, step, settings, source)
+    declarations = {name: InstanceDeclaration.of_description(d) for name, d in descriptions.items()}
+    require_one_design(declarations, source)
+    sets: dict[str, Any] = {name: start_table(component) for name, component in package.components.items()}
+    starts = start_values(scenario, declarations, settings.overrides, source, sets)
+    wiring = prepare_wiring(scenario, declarations, settings, source, starts)
+    steps = whole_steps(scenario, step, settings, source)
+    require_memory(scenario, len(wiring.columns), steps, settings, source)
+    return PreparedRun(
+        source=source,
+        scenario=scenario,
+        settings=settings,
+        step=step,
+        steps=steps,
+        declarations=declarations,
+        starts=starts,
+        wiring=wiring,
+    )
 
 
-def _scenario(package: Package, descriptions: dict[str, Any], settings: Settings, source: str) -> Scenario:
-    """The package as a scenario, with what the command line says in place of the package's own."""
+def _step(package: Package, descriptions: Mapping[str, Any], settings: Settings, source: str) -> float:
+    """The communication step, s: that of the settings, else of the package, else the one of all units."""
     experiments = [d.defaultExperiment for d in descriptions.values() if d.defaultExperiment is not None]
     steps = {float(e.stepSize) for e in experiments if e.stepSize}
     step = settings.step or package.step or (steps.pop() if len(steps) == 1 else None)
     if step is None:
         raise InputError("--step", "must be given: neither the package nor its units agree on a step", source=source)
+    return step
+
+
+def _scenario(package: Package, step: float, settings: Settings, source: str) -> Scenario:
+    """The package as a scenario, with the settings in place of the package's own values."""
     stop = settings.stop_time or package.stop_time
     if stop is None:
         raise InputError("--stop-time", "must be given: the package has no stop time", source=source)
@@ -103,22 +125,3 @@ def _scenario(package: Package, descriptions: dict[str, Any], settings: Settings
         instance={name: Instance(fmu=c.fmu.name) for name, c in package.components.items()},
         connection=[Connection(**{"from": ".".join(c.start), "to": ".".join(c.end)}) for c in package.connections],
     )
-
-
-def _draft(
-    package: Package, scenario: Scenario, descriptions: dict[str, Any], settings: Settings, source: str
-) -> PreparedRun:
-    assert scenario.step is not None
-    instances = {
-        name: InstanceDeclaration(description=d, variables={v.name: v for v in d.modelVariables})
-        for name, d in descriptions.items()
-    }
-    require_one_design(instances, source)
-    starts: dict[str, Any] = {name: start_table(c) for name, c in package.components.items()}
-    for name, values in start_values(scenario, instances, settings.overrides, source).items():
-        starts[name] |= values
-    wiring = WiringBuilder(scenario, instances, source, starts).build()
-    require_open(wiring, settings.overrides)
-    steps = whole_steps(scenario.stop_time, scenario.step, settings, source)
-    require_room(wiring, steps, scenario.stop_time, settings, source)
-    return PreparedRun(step=scenario.step, steps=steps, models={}, starts=starts, wiring=wiring, instances=instances)

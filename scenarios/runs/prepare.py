@@ -1,205 +1,202 @@
-"""A run before its units are built: every name, size and value of a scenario is looked at here first."""
+"""Preparation of a run: everything is computed and checked that does not need a built unit."""
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from os.path import isfile
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-
-from flexbeams.controller.design import Design
+from flexbeams.controller.design import Design, compute_design
 from flexbeams.fmus.units.catalogue import require_kind
-from flexbeams.plant.errors import InputError
+from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
-from flexbeams.scenarios.definition.schema import Scenario, find_scenario, read_scenario
-from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.definition.signals import require_sampled
+from flexbeams.scenarios.definition.scenario_file import ScenarioFile
+from flexbeams.scenarios.definition.schema import Scenario
+from flexbeams.scenarios.definition.settings import Settings, StartValues, require_undriven, start_values
 from flexbeams.scenarios.importing.fmu import unit_description
-from flexbeams.scenarios.results.checks import Measurement
-from flexbeams.scenarios.results.curves import figure_curve
-from flexbeams.scenarios.runs.start_values import require_open, start_values
-from flexbeams.scenarios.simulation.recording import Recording
-from flexbeams.scenarios.simulation.wiring import Wiring, WiringBuilder
-
-LARGEST = 2**30  # bytes of recorded values; files of results take a multiple of it while they are written
+from flexbeams.scenarios.runs.observer import ignore_note
+from flexbeams.scenarios.runs.requirements import (
+    reachable_checks,
+    require_figures,
+    require_measurable,
+    require_memory,
+    require_one_design,
+    require_reachable_targets,
+    require_sampled_signals,
+    whole_steps,
+)
+from flexbeams.scenarios.simulation.frames import frame_layout
+from flexbeams.scenarios.simulation.wiring import Wiring, plan_wiring
 
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedRun:
-    """What is settled before units are built."""
+    """A run whose names, sizes and values are checked, before its units are loaded."""
 
+    source: str  # file that error messages name
+    scenario: Scenario  # with the settings applied
+    settings: Settings
     step: float  # s
     steps: int
-    models: dict[str, BeamModel]  # of the instances whose units are built
-    starts: dict[str, dict[str, float | bool]]
+    declarations: dict[str, InstanceDeclaration]
+    starts: dict[str, StartValues]
     wiring: Wiring
-    instances: dict[str, InstanceDeclaration]
 
 
-def prepare_run(
-    path: Path, scenario: Scenario, design: Design, settings: Settings, notify: Callable[[str], None]
-) -> tuple[Scenario, PreparedRun]:
-    """The wiring of a run, and the scenario without the checks that a shorter --stop-time does not reach.
+@dataclass(frozen=True, kw_only=True)
+class PreparedScenario(PreparedRun):
+    """A prepared run of a scenario, with the checks that it reaches, and its design."""
 
-    Raises InputError for whatever the scenario or the command line asks for and cannot have.
+    file: ScenarioFile
+    design: Design
+    kinds: dict[str, UnitKind]  # of the instances whose units are built
+    models: dict[str, BeamModel]  # of the plant, for the same instances
+    open_loop: "PreparedScenario | None"  # the run to compare with
+
+    @property
+    def folder(self) -> Path:
+        """Folder that files of the scenario are relative to."""
+        return self.file.path.parent
+
+    def provided_fmu(self, instance: str) -> Path:
+        """File of an instance that is an FMU of the scenario."""
+        return self.folder / str(self.scenario.instance[instance].fmu)
+
+
+def prepare_scenario(
+    file: ScenarioFile,
+    settings: Settings,
+    notify: Callable[[str], None] = ignore_note,
+    designs: Sequence[Design] = (),
+) -> PreparedScenario:
+    """Prepares the run of a scenario, and that of its open loop.
+
+    A design among `designs` is used where it fits. Raises FlexbeamsError for whatever scenario or settings ask for that
+    is not possible.
     """
-    source = str(path)
+    source = str(file.path)
+    scenario = settings.applied_to(file.scenario)
+    scenario = replace(scenario, design=scenario.design.relative_to(file.path.parent))
+    design = _design(file, scenario, settings, designs)
+    for warning in design.summary["warnings"]:
+        notify(f"design: {warning}")
     step = scenario.step or design.options.sample_time
-    steps = whole_steps(scenario.stop_time, step, settings, source)
-    for k, drive in enumerate(scenario.input, 1):
-        try:
-            require_sampled(drive, step)
-        except InputError as error:
-            raise error.at(source, f"input[{k}].") from None
-    models = unit_models(path, scenario, design, settings)
-    instances = {name: _declared(name, path, scenario, design, models) for name in scenario.instance}
-    require_one_design(instances, source)
-    starts = start_values(scenario, instances, settings.overrides, source)
-    wiring = WiringBuilder(scenario, instances, source, starts).build()
-    require_open(wiring, settings.overrides)
-    require_room(wiring, steps, scenario.stop_time, settings, source)
-    scenario = _reached(scenario, settings, source, notify)
-    blank = _blank(scenario, wiring.columns)
-    Measurement(scenario, source, blank, blank).outcomes()
-    require_figures(scenario, wiring.columns, None, source)
-    return scenario, PreparedRun(
-        step=step, steps=steps, models=models, starts=starts, wiring=wiring, instances=instances
+    steps = whole_steps(scenario, step, settings, source)
+    require_sampled_signals(scenario, step, source)
+    kinds = _kinds(scenario)
+    models = _models(scenario, design, settings, source)
+    declarations = _declarations(file, design, kinds, models)
+    require_one_design(declarations, source)
+    starts = start_values(scenario, declarations, settings.overrides, source)
+    require_reachable_targets(scenario, design, kinds, declarations, starts, source)
+    wiring = prepare_wiring(scenario, declarations, settings, source, starts)
+    require_memory(scenario, len(wiring.columns), steps, settings, source)
+    scenario = reachable_checks(scenario, settings, source, notify)
+    open_loop = None
+    if file.open_loop is not None:
+        compared = settings.of_open_loop(file.open_loop.scenario.instance)
+        open_loop = prepare_scenario(file.open_loop, compared, notify, [design, *designs])
+    require_measurable(scenario, wiring.columns, source)
+    require_figures(scenario, wiring.columns, open_loop.wiring.columns if open_loop else None, source)
+    return PreparedScenario(
+        source=source,
+        scenario=scenario,
+        settings=settings,
+        step=step,
+        steps=steps,
+        declarations=declarations,
+        starts=starts,
+        wiring=wiring,
+        file=file,
+        design=design,
+        kinds=kinds,
+        models=models,
+        open_loop=open_loop,
     )
 
 
-def whole_steps(stop_time: float, step: float, settings: Settings, source: str) -> int:
-    """Number of steps up to the stop time; InputError where it is none."""
-    ratio = stop_time / step
-    steps = round(ratio) if math.isfinite(ratio) else 0
-    if steps < 1 or abs(steps * step - stop_time) > 1e-6 * step:
-        raise InputError(
-            "stop_time",
-            f"must be a whole number of steps of {step:g} s",
-            stop_time,
-            source="--stop-time" if settings.stop_time else source,
-        )
-    return steps
+def prepare_wiring(
+    scenario: Scenario,
+    declarations: Mapping[str, InstanceDeclaration],
+    settings: Settings,
+    source: str,
+    starts: Mapping[str, StartValues],
+) -> Wiring:
+    """The wiring of a run, with frames if its animation is recorded; no input that --set sets is driven."""
+    wiring = plan_wiring(scenario, declarations, source, starts)
+    require_undriven(settings.overrides, wiring.driven())
+    if settings.record_animation:
+        wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))
+    return wiring
 
 
-def require_room(wiring: Wiring, steps: int, stop_time: float, settings: Settings, source: str) -> None:
-    """InputError for a recording that would not fit into memory."""
-    size = 8 * (len(wiring.columns) + 1) * (-(-steps // settings.decimate) + 1)
-    if size > LARGEST:
-        raise InputError(
-            "stop_time",
-            f"must leave at most {LARGEST / 1e9:.2g} GB of recorded values, {steps:.3g} "
-            f"steps make {size / 1e9:.3g} GB; record less of them with --decimate",
-            stop_time,
-            source="--stop-time" if settings.stop_time else source,
-        )
-
-
-def require_figures(scenario: Scenario, columns: list[str], open_loop: list[str] | None, source: str) -> None:
-    """InputError for a figure of signals that are not recorded; None: what the open loop records is not known yet."""
-    recording, other = _blank(scenario, columns), None if open_loop is None else _blank(scenario, open_loop)
-    for k, figure in enumerate(scenario.figure, 1):
-        for name in (n for row in figure.rows for n in row):
-            if name.startswith("open_loop.") and scenario.open_loop is not None and other is None:
-                continue
-            try:
-                curve = figure_curve(name, recording, other, figure.points, f"figure[{k}]")
-            except InputError as error:
-                raise error.at(source) from None
-            if not curve.columns:
-                raise InputError(f"figure[{k}].points", f"must have one within {name}", figure.points, source=source)
-
-
-def with_open_loop(scenario: Scenario, path: Path) -> Scenario:
-    """The scenario with open_loop as a path that can be found from anywhere; InputError where there is none."""
-    if scenario.open_loop is None:
-        return scenario
-    beside = path.parent / scenario.open_loop
+def _design(file: ScenarioFile, scenario: Scenario, settings: Settings, designs: Sequence[Design]) -> Design:
+    source = str(file.path)
     try:
-        other = beside if isfile(beside) else find_scenario(scenario.open_loop)
+        structure_path = find_structure(settings.structure or scenario.structure, file.path.parent)
     except InputError as error:
-        raise InputError("open_loop", error.rule, source=str(path)) from None
-    if read_scenario(other).open_loop is not None:
-        raise InputError(
-            "open_loop", "must be a scenario without an open_loop of its own", scenario.open_loop, source=str(path)
-        )
-    return replace(scenario, open_loop=str(other))
+        raise error.at("--structure" if settings.structure else source) from None
+    structure = read_structure(structure_path)
+    fitting = (d for d in designs if d.structure == structure and d.options == scenario.design)
+    try:
+        with _enough_memory("design", source):
+            return next(fitting, None) or compute_design(structure, scenario.design)
+    except DesignError as error:
+        raise DesignError(f"{source}: design of {structure_path}: {error}") from None
 
 
-def unit_models(path: Path, scenario: Scenario, design: Design, settings: Settings) -> dict[str, BeamModel]:
-    """The plant's model for each instance whose unit is built, each computed once."""
-    models: dict[tuple[Any, Any], BeamModel] = {}
-    chosen = {}
+def _kinds(scenario: Scenario) -> dict[str, UnitKind]:
+    """The kind of each instance whose unit is built."""
+    return {
+        name: require_kind(instance.unit, f"instance.{name}.unit")
+        for name, instance in scenario.instance.items()
+        if instance.unit is not None
+    }
+
+
+def _declarations(
+    file: ScenarioFile, design: Design, kinds: Mapping[str, UnitKind], models: Mapping[str, BeamModel]
+) -> dict[str, InstanceDeclaration]:
+    return {
+        name: InstanceDeclaration.of_interface(kinds[name], kinds[name].declare(design, models[name]))
+        if name in kinds
+        else _provided(name, file)
+        for name in file.scenario.instance
+    }
+
+
+def _models(scenario: Scenario, design: Design, settings: Settings, source: str) -> dict[str, BeamModel]:
+    """The plant's model for each instance whose unit is built; equal ones are computed once."""
+    computed: dict[tuple[Any, Any], BeamModel] = {}
+    models = {}
     for name, instance in scenario.instance.items():
         if instance.unit is None:
             continue
         key = (None if settings.basis else instance.basis, instance.order)
         try:
-            chosen[name] = models[key] = models.get(key) or design.model(*key)
+            with _enough_memory(f"instance.{name}", source):
+                models[name] = computed[key] = computed.get(key) or design.model(*key)
         except InputError as error:
-            raise error.at(str(path), f"instance.{name}.") from None
-    return chosen
+            raise error if error.source else error.at(source, f"instance.{name}.") from None
+    return models
 
 
-def _declared(
-    name: str, path: Path, scenario: Scenario, design: Design, models: dict[str, BeamModel]
-) -> InstanceDeclaration:
-    instance = scenario.instance[name]
-    if instance.unit is not None:
-        variables = {
-            v.name: SimpleNamespace(
-                name=v.name,
-                type=v.type,
-                causality=v.causality,
-                start=v.start,
-                min=v.minimum,
-                max=v.maximum,
-                unit=v.unit,
-                nominal=v.nominal,
-            )
-            for v in require_kind(instance.unit, f"instance.{name}.unit").declare(design, models[name])
-        }
-        return InstanceDeclaration(description=SimpleNamespace(modelName=instance.unit), variables=variables)
-    key, file = f"instance.{name}.fmu", path.parent / str(instance.fmu)
-    if not isfile(file):
-        raise InputError(key, "must be a file", str(file), source=str(path))
-    description = unit_description(file, key, str(path))
-    return InstanceDeclaration(description=description, variables={v.name: v for v in description.modelVariables})
+@contextmanager
+def _enough_memory(key: str, source: str) -> Iterator[None]:
+    """InputError where matrices do not fit into memory."""
+    try:
+        yield
+    except MemoryError as error:
+        raise InputError(key, f"needs too much memory, choose a lower order ({error})", source=source) from None
 
 
-def require_one_design(instances: Mapping[str, InstanceDeclaration], source: str) -> None:
-    """InputError for units that were not designed together."""
-    designs = {name: str(i.variables["design_id"].start) for name, i in instances.items() if "design_id" in i.variables}
-    if len(set(designs.values())) > 1:
-        listed = ", ".join(f"{name} has {value[:12]}" for name, value in designs.items())
-        raise InputError(
-            "instance", f"units must be of one design (design_id): {listed}; build them together", source=source
-        )
-
-
-def _reached(scenario: Scenario, settings: Settings, source: str, notify: Callable[[str], None]) -> Scenario:
-    """The scenario with the checks whose window lies within the run; others are left out only under --stop-time."""
-    kept = []
-    for k, check in enumerate(scenario.check, 1):
-        if check.before is not None and check.before < check.after:
-            raise InputError(f"check[{k}].before", f"must be >= after ({check.after:g} s)", check.before, source=source)
-        key, last = ("after", check.after) if check.before is None else ("before", check.before)
-        if last <= scenario.stop_time + 1e-9:
-            kept.append(check)
-        elif settings.stop_time:
-            notify(f"check {check.name!r} looks at {last:g} s and is left out")
-        else:
-            raise InputError(
-                f"check[{k}].{key}", f"must be within the run of {scenario.stop_time:g} s", last, source=source
-            )
-    return replace(scenario, check=kept)
-
-
-def _blank(scenario: Scenario, columns: list[str]) -> Recording:
-    """A recording of zeros, with rows at the ends of the run and of each check's window."""
-    ends = [t for c in scenario.check for t in (c.after, c.before) if t is not None]
-    time = np.unique([0.0, scenario.stop_time, *ends])
-    return Recording(time=time, columns=columns, values=np.zeros((len(time), len(columns))), wall_seconds=0.0)
+def _provided(name: str, file: ScenarioFile) -> InstanceDeclaration:
+    """The declaration of an instance that is an FMU of the scenario."""
+    key, fmu = f"instance.{name}.fmu", file.path.parent / str(file.scenario.instance[name].fmu)
+    if not isfile(fmu):
+        raise InputError(key, "must be a file", str(fmu), source=str(file.path))
+    return InstanceDeclaration.of_description(unit_description(fmu, key, str(file.path)))

@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.frames import FrameRecorder
 from flexbeams.scenarios.simulation.instance import UnitInstance
-from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.recording import Recording, Rows
 from flexbeams.scenarios.simulation.stepping import PythonStepper, SignalBus, Stepper
 from flexbeams.scenarios.simulation.wiring import Wiring
 
-BLOCK = 500  # steps between looks at progress and external signals
+BLOCK = 500  # steps between updates of progress and external signals
 
 
 class CoSimulation:
@@ -31,11 +31,10 @@ class CoSimulation:
     ) -> None:
         self._instances, self._wiring, self._step = instances, wiring, step
         signals = np.zeros(wiring.size)
-        sources = {name: np.array([place for _, place in wiring.inputs[name]], dtype=np.int64) for name in instances}
-        first = wiring.external[0][0].start if wiring.external else wiring.size
+        sources = {name: np.array([index for _, index in wiring.inputs[name]], dtype=np.int64) for name in instances}
         self._bus = SignalBus(
             signals=signals,
-            first_external=first,
+            first_external=wiring.external[0][0].start if wiring.external else wiring.size,
             spans=wiring.spans,
             sources=sources,
             recorded=np.array(wiring.recorded, dtype=np.int64),
@@ -44,18 +43,18 @@ class CoSimulation:
         )
         for name, instance in instances.items():
             instance.connect(wiring.reads[name], signals[wiring.spans[name]], [n for n, _ in wiring.inputs[name]])
-        self._first = PythonStepper(instances, self._bus)
-        self.stepper: Stepper = stepper(instances, self._bus) if stepper else self._first
+        self._python_stepper = PythonStepper(instances, self._bus)
+        self.stepper: Stepper = stepper(instances, self._bus) if stepper else self._python_stepper
 
     def initialise(self, stop_time: float) -> None:
-        """Initialisation mode of every instance; values pass through them as often as the longest chain needs."""
+        """Initialisation mode of all instances; values are exchanged as often as the longest chain of units needs."""
         for instance in self._instances.values():
             instance.call("setupExperiment", None, 0.0, stop_time)
             instance.call("enterInitializationMode")
-        self._bus.signals[self._bus.first_external :] = self._external(0, 1)[0]
+        self._drive(0)
         for _ in self._instances:
             for name in self._instances:
-                self._first.exchange(name)
+                self._python_stepper.exchange(name)
                 self._instances[name].read()
         for instance in self._instances.values():
             instance.call("exitInitializationMode")
@@ -63,50 +62,59 @@ class CoSimulation:
             instance.read()
 
     def run(self, steps: int, progress: Callable[[int], None] = lambda done: None, decimate: int = 1) -> Recording:
-        """Steps from 0 to steps * step and records; a unit's failure or Ctrl-C ends the run, rows so far are kept.
+        """Steps from 0 to steps * step and records every `decimate`-th step and the last one.
 
-        Every `decimate`-th step is recorded, and the last one. Ctrl-C, or a KeyboardInterrupt of `progress`, is looked
-        at after each block of steps, so that it meets no unit at work; a second Ctrl-C is raised at once.
+        A unit's failure or Ctrl-C ends the run; the rows until then are kept. Ctrl-C, or a KeyboardInterrupt raised by
+        `progress`, takes effect after a block of steps, so that it interrupts no call of a unit; a second Ctrl-C is
+        raised at once.
         """
-        bus, stepper = self._bus, self.stepper
-        rows = np.empty((-(-steps // decimate) + 1, len(bus.recorded)))
-        recording = Recording(
-            time=np.zeros(1), columns=self._wiring.columns, values=rows, wall_seconds=0.0, decimate=decimate
-        )
-        np.take(bus.signals, bus.recorded, out=rows[0])
+        rows = Rows(self._bus.signals, self._bus.recorded, steps, decimate)
+        rows.take(0)
         frames = FrameRecorder(self._wiring.frames, self._instances, steps, self._step)
-        k, shown = 0, 0
+        failure = None
         begin = clock.perf_counter()
         with deferred_interrupt() as interrupted:
             try:
-                while k < steps and not interrupted():
-                    if k == frames.due:
-                        self._drive(k)
-                        frames.take(bus.signals)
-                    count = min(BLOCK, steps - k, frames.due - k if frames.due > k else BLOCK)
-                    k += stepper.advance(k, self._external(k, count), decimate, rows)
-                    if k - shown >= BLOCK or k == steps:
-                        try:
-                            progress(shown := k)
-                        except KeyboardInterrupt:
-                            break
-                self._drive(k)
-                np.take(bus.signals, bus.recorded, out=rows[-(-k // decimate)])
-                if k == frames.due:
-                    frames.take(bus.signals)
-                recording.interrupted = k < steps
-            except UnitFailure as failure:
-                recording.failure, k = failure, stepper.done
-        recording.wall_seconds = clock.perf_counter() - begin
-        recording.steps, recording.frames = k, frames.taken()
-        recording.lateness = None if stepper.lateness is None else stepper.lateness[:k]
-        count = -(-k // decimate) + 1
-        recording.time = np.minimum(np.arange(count) * decimate, k) * self._step
-        recording.values = rows[:count]
+                done = self._step_blocks(steps, rows, frames, interrupted, progress)
+                self._drive(done)
+                rows.take(done)
+                if done == frames.due:
+                    frames.take(self._bus.signals)
+            except UnitFailure as error:
+                failure, done = error, self.stepper.done
+        recording = rows.recording(self._wiring.columns, done, self._step, clock.perf_counter() - begin)
+        recording.failure, recording.interrupted = failure, failure is None and done < steps
+        recording.frames = frames.taken()
+        if self.stepper.lateness is not None:
+            recording.lateness = self.stepper.lateness[:done]
         return recording
 
+    def _step_blocks(
+        self,
+        steps: int,
+        rows: Rows,
+        frames: FrameRecorder,
+        interrupted: Callable[[], bool],
+        progress: Callable[[int], None],
+    ) -> int:
+        """Steps in blocks that end where a frame is due; returns the steps done, fewer after an interrupt."""
+        done, notified = 0, 0
+        while done < steps and not interrupted():
+            if done == frames.due:
+                self._drive(done)
+                frames.take(self._bus.signals)
+            count = min(BLOCK, steps - done, frames.due - done if frames.due > done else BLOCK)
+            done += self.stepper.advance(done, self._external(done, count), rows.decimate, rows.values)
+            if done - notified >= BLOCK or done == steps:
+                notified = done
+                try:
+                    progress(done)
+                except KeyboardInterrupt:
+                    break
+        return done
+
     def _drive(self, number: int) -> None:
-        """External signals of one step into the array."""
+        """Writes the external signals of one step into the array."""
         self._bus.signals[self._bus.first_external :] = self._external(number, 1)[0]
 
     def _external(self, first: int, count: int) -> Array:

@@ -1,4 +1,4 @@
-"""Shapes of the beams for an animation: what a frame holds, how often one is taken, and how it is read."""
+"""Frames of an animation: the deflected beams with the voltages, read at regular steps of a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.definition.declaration import element_names
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
 
 if TYPE_CHECKING:
     from flexbeams.scenarios.simulation.instance import UnitInstance
@@ -18,27 +18,27 @@ MAX_FRAMES = 3000  # frames of a run at most; a longer run has them at wider int
 
 @dataclass(frozen=True, kw_only=True)
 class FrameLayout:
-    """A frame: the plant's w by one call of fmi2GetReal, then values that stand in the array of signals."""
+    """A frame: the plant's w, read by one call of fmi2GetReal, then values copied from the array of signals."""
 
     plant: str  # instance
     stations: list[str]  # its w[j,i], beam after beam, each from the clamp to the tip
-    voltages: list[int]  # places of the plant's u
-    reference: list[int]  # places of the feedforward's x_ref; empty where there is none
-    feedforward: list[int]  # places of its u_ff
+    voltages: list[int]  # indices of the plant's u
+    reference: list[int]  # indices of the feedforward's x_ref; empty without a feedforward
+    feedforward: list[int]  # indices of its u_ff
 
     @property
-    def places(self) -> list[int]:
-        """All places that a frame copies after its shape."""
+    def indices(self) -> list[int]:
+        """Indices of all values that follow the deflections."""
         return [*self.voltages, *self.reference, *self.feedforward]
 
 
 @dataclass(kw_only=True)
 class Frames:
-    """What was taken: row k stands at step k * every."""
+    """Recorded frames: row k is of step k * every."""
 
     layout: FrameLayout
     every: int  # steps between frames
-    values: Array  # (frames, stations + places)
+    values: Array  # (frames, stations + indices)
 
     @property
     def deflections(self) -> Array:
@@ -52,7 +52,7 @@ class Frames:
 
     @property
     def reference(self) -> tuple[Array, Array]:
-        """The feedforward's x_ref (frames, m) and u_ff (frames, n_u); both of width 0 where there is none."""
+        """The feedforward's x_ref (frames, m) and u_ff (frames, n_u); both of width 0 without one."""
         first, middle = len(self.layout.voltages), len(self.layout.voltages) + len(self.layout.reference)
         return self._part(first, middle), self._part(middle, middle + len(self.layout.feedforward))
 
@@ -62,35 +62,43 @@ class Frames:
 
 
 def frame_layout(
-    instances: Mapping[str, "UnitInstance"], sources: Mapping[str, int], inputs: Mapping[str, list[tuple[str, int]]]
+    declarations: Mapping[str, InstanceDeclaration],
+    sources: Mapping[str, int],
+    inputs: Mapping[str, list[tuple[str, int]]],
 ) -> FrameLayout | None:
-    """Frames of the first plant among the instances; None where there is none. Arguments as in a Plan."""
-    kinds = {i.description.modelName: name for name, i in reversed(list(instances.items()))}
-    plant, leader = kinds.get("BeamPlant"), kinds.get("FlatnessFeedforward")
+    """Frames of the first unit with deflections, and of the first with a reference; None without deflections.
+
+    Indices as in Wiring.
+    """
+    kinds = {name: declaration.kind for name, declaration in declarations.items() if declaration.kind is not None}
+    plant = next((name for name, kind in kinds.items() if kind.deflections), None)
+    leader = next((name for name, kind in kinds.items() if kind.reference), None)
     if plant is None:
         return None
-    variables, driven = instances[plant].variables, dict(inputs[plant])
+    variables, driven = declarations[plant].variables, dict(inputs[plant])
 
     def outputs(array: str) -> list[int]:
-        names = element_names(instances[leader].variables, array) if leader else []
+        names = element_names(declarations[leader].variables, array) if leader else []
         return [sources[f"{leader}.{n}"] for n in names]
+
+    states, voltages = (kinds[leader].reference if leader else None) or ("", "")
 
     return FrameLayout(
         plant=plant,
-        stations=element_names(variables, "w"),
+        stations=element_names(variables, kinds[plant].deflections),
         voltages=[driven[n] for n in element_names(variables, "u")],
-        reference=outputs("x_ref"),
-        feedforward=outputs("u_ff"),
+        reference=outputs(states),
+        feedforward=outputs(voltages),
     )
 
 
 def frame_interval(steps: int, step: float) -> int:
-    """Steps between frames, so that there are at most MAX_RATE each second and MAX_FRAMES in all."""
+    """Steps between frames, at most MAX_RATE frames for each second and MAX_FRAMES in all."""
     return max(1, int(np.ceil(1 / (MAX_RATE * step) - 1e-9)), -(-steps // (MAX_FRAMES - 1)))
 
 
 class FrameRecorder:
-    """Takes frames while a run steps; `due` is the next step to take one at, -1 where none are wanted."""
+    """Takes frames while a run steps; `due` is the next step to take one at, -1 where no frames are recorded."""
 
     def __init__(
         self, layout: FrameLayout | None, instances: Mapping[str, "UnitInstance"], steps: int, step: float
@@ -99,17 +107,17 @@ class FrameRecorder:
         if layout is None:
             return
         self._every = frame_interval(steps, step)
-        self._places = np.array(layout.places, dtype=np.intp)
-        self._rows = np.empty((steps // self._every + 1, len(layout.stations) + len(self._places)))
+        self._indices = np.array(layout.indices, dtype=np.intp)
+        self._rows = np.empty((steps // self._every + 1, len(layout.stations) + len(self._indices)))
         self._read = instances[layout.plant].reader(layout.stations)
         self.due = 0
 
     def take(self, signals: Array) -> None:
-        """The frame of step `due`, from the plant and the array of signals as they stand at its beginning."""
+        """The frame of step `due`, from the plant and the array of signals at the start of that step."""
         assert self._layout is not None
         row = self._rows[self._count]
         self._read(row)
-        np.take(signals, self._places, out=row[len(self._layout.stations) :])
+        np.take(signals, self._indices, out=row[len(self._layout.stations) :])
         self._count += 1
         self.due += self._every
 

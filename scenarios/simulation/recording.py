@@ -1,6 +1,10 @@
-"""Recorded signals of a run."""
+"""Recording of a run: chosen signals at every step, or at every n-th."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.simulation.failure import UnitFailure
@@ -9,20 +13,48 @@ from flexbeams.scenarios.simulation.frames import Frames
 
 @dataclass(kw_only=True)
 class Recording:
-    """What a run leaves: row k holds the values at time[k], every `decimate`-th step and the last one."""
+    """Recorded signals: row k holds the values at time[k]; the last step is recorded whatever `decimate` is."""
 
     time: Array  # (rows,), s
     columns: list[str]  # <instance>.<variable>
     values: Array  # (rows, len(columns))
-    wall_seconds: float  # s, of the stepping loop alone
+    wall_seconds: float  # of the stepping loop alone
     steps: int = 0  # done
-    decimate: int = 1
+    decimate: int = 1  # steps from row to row
     failure: UnitFailure | None = None
     interrupted: bool = False
-    frames: Frames | None = None  # shapes for an animation, where the wiring asked for them
+    frames: Frames | None = None  # of the animation, if it was recorded
     lateness: Array | None = None  # s, of each step of a paced run against the wall clock
 
     @property
     def complete(self) -> bool:
-        """The run reached its stop time."""
+        """Whether the run reached its stop time."""
         return self.failure is None and not self.interrupted
+
+
+class Rows:
+    """Rows of a recording in the making, which steppers fill: row ceil(n / decimate) is of step n."""
+
+    def __init__(self, signals: Array, recorded: NDArray[np.int64], steps: int, decimate: int) -> None:
+        self._signals, self._recorded, self.decimate = signals, recorded, decimate
+        self.values = np.empty((self.count(steps), len(recorded)))
+
+    def count(self, done: int) -> int:
+        """Number of rows after `done` steps."""
+        return -(-done // self.decimate) + 1
+
+    def take(self, done: int) -> None:
+        """The signals as they are after `done` steps."""
+        np.take(self._signals, self._recorded, out=self.values[self.count(done) - 1])
+
+    def recording(self, columns: Sequence[str], done: int, step: float, wall_seconds: float) -> Recording:
+        """The recording of the first `done` steps of `step` s."""
+        count = self.count(done)
+        return Recording(
+            time=np.minimum(np.arange(count) * self.decimate, done) * step,
+            columns=list(columns),
+            values=self.values[:count],
+            wall_seconds=wall_seconds,
+            steps=done,
+            decimate=self.decimate,
+        )

@@ -1,6 +1,6 @@
-"""Wiring of a run: where every signal is stored in one array, and which input takes which of them."""
+"""Wiring of a run: the index of every signal in one array, and which input takes which signal."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,158 +13,177 @@ from flexbeams.scenarios.simulation.frames import FrameLayout
 
 @dataclass(kw_only=True)
 class Wiring:
-    """Where every value stands in the one array of signals: outputs by instance, then external signals."""
+    """Indices in the array of signals: outputs by instance first, then external signals."""
 
     size: int
-    sources: dict[str, int]  # <instance>.<variable> to place
-    inputs: dict[str, list[tuple[str, int]]]  # instance to (input, place of its source)
-    reads: dict[str, list[str]]  # instance to variables read, Real ones first
-    spans: dict[str, slice]  # instance to its part of the array
-    external: list[tuple[slice, Signal | float]] = field(default_factory=list)
-    columns: list[str] = field(default_factory=list)
-    recorded: list[int] = field(default_factory=list)
+    sources: dict[str, int]  # index of each <instance>.<output>
+    inputs: dict[str, list[tuple[str, int]]]  # for each instance, its inputs with the index of their source
+    reads: dict[str, list[str]]  # for each instance, the variables that are read, in TYPE_ORDER
+    spans: dict[str, slice]  # for each instance, its part of the array
+    external: list[tuple[slice, Signal | float]] = field(default_factory=list)  # a float is a held start value
+    columns: list[str] = field(default_factory=list)  # names of the recorded signals
+    recorded: list[int] = field(default_factory=list)  # their indices
     frames: FrameLayout | None = None
 
     def links(self) -> dict[str, str]:
         """<instance>.<output> by the <instance>.<input> that takes its value, in the order of the inputs."""
-        origins = {place: name for name, place in self.sources.items()}
+        names = {index: name for name, index in self.sources.items()}
         return {
-            f"{instance}.{name}": origins[place]
+            f"{instance}.{name}": names[index]
             for instance, inputs in self.inputs.items()
-            for name, place in inputs
-            if place in origins
+            for name, index in inputs
+            if index in names
         }
 
+    def driven(self) -> dict[str, list[str]]:
+        """For each instance, the inputs that a connection or an external signal drives."""
+        constants = [span for span, signal in self.external if isinstance(signal, float)]
+        held = {index for span in constants for index in range(span.start, span.stop)}
+        return {owner: [n for n, index in inputs if index not in held] for owner, inputs in self.inputs.items()}
 
-class WiringBuilder:
-    """Builds a Wiring from a scenario and what its instances declare; InputError names file, key and value.
 
-    `starts` has the start values set by instance; inputs that nothing drives hold theirs.
+def plan_wiring(
+    scenario: Scenario,
+    declarations: Mapping[str, InstanceDeclaration],
+    source: str,
+    starts: Mapping[str, Mapping[str, float | bool]],
+) -> Wiring:
+    """The wiring of a scenario, with every connection, input and record entry resolved.
+
+    Recorded inputs that nothing drives hold their start value: that of `starts`, or the unit's own. Raises InputError
+    with file (`source`), key and value.
     """
+    return _Builder(scenario, declarations, source, starts).build()
+
+
+class _Builder:
+    """Adds to a Wiring, in the order of the array of signals."""
 
     def __init__(
         self,
         scenario: Scenario,
-        instances: Mapping[str, InstanceDeclaration],
+        declarations: Mapping[str, InstanceDeclaration],
         source: str,
-        starts: Mapping[str, Mapping[str, float | bool]] | None = None,
+        starts: Mapping[str, Mapping[str, float | bool]],
     ) -> None:
-        self._scenario, self._instances, self._file, self._starts = scenario, instances, source, starts or {}
+        self._scenario, self._declarations, self._source, self._starts = scenario, declarations, source, starts
+        self._wiring = Wiring(size=0, sources={}, inputs={name: [] for name in declarations}, reads={}, spans={})
+        self._extra = {  # signals that the scenario records in addition
+            f"{owner}.{name}"
+            for k, text in enumerate(scenario.record or [], 1)
+            for owner, names in [self._signal(f"record[{k}]", text)]
+            for name in names
+        }
 
     def build(self) -> Wiring:
-        """The wiring; every connection, input and record entry resolved."""
-        extra = [self._signal(f"record[{k}]", name) for k, name in enumerate(self._scenario.record or [], 1)]
-        wiring = Wiring(size=0, sources={}, inputs={name: [] for name in self._instances}, reads={}, spans={})
-        for name, instance in self._instances.items():
-            wanted = [n for owner, names in extra if owner == name for n in names]
-            variables = [v for v in instance.variables.values() if v.type in TYPE_ORDER and v.causality != "input"]
-            ordered = sorted(
-                (v for v in variables if v.causality == "output" or v.name in wanted),
-                key=lambda v: TYPE_ORDER.index(v.type),
-            )
-            wiring.reads[name] = [v.name for v in ordered]
-            wiring.spans[name] = slice(wiring.size, wiring.size + len(ordered))
-            wiring.sources |= {f"{name}.{v.name}": wiring.size + k for k, v in enumerate(ordered)}
-            wiring.size += len(ordered)
-        self._connect(wiring)
-        self._drive(wiring)
-        self._hold_open_inputs(wiring, [f"{owner}.{n}" for owner, names in extra for n in names])
-        for name, instance in self._instances.items():  # inputs in the unit's own order, which it takes in one piece
-            places = dict(wiring.inputs[name])
-            wiring.inputs[name] = [
-                (variable, places[variable]) for variable in instance.variables if variable in places
-            ]
-        self._choose_columns(wiring, extra)
-        return wiring
+        for name in self._declarations:
+            self._add_outputs(name)
+        self._connect()
+        self._drive()
+        self._add_undriven_inputs()
+        for name, declaration in self._declarations.items():  # in the order of the unit, which takes them in one call
+            indices = dict(self._wiring.inputs[name])
+            self._wiring.inputs[name] = [(v, indices[v]) for v in declaration.variables if v in indices]
+        self._choose_columns()
+        return self._wiring
+
+    def _error(self, key: str, rule: str, value: object = None) -> InputError:
+        return InputError(key, rule, value, source=self._source)
 
     def _signal(self, key: str, text: str, causality: str | None = None) -> tuple[str, list[str]]:
-        """The instance and the scalars that <instance>.<variable> means."""
+        """The instance and the scalars that <instance>.<variable> names."""
         owner, _, variable = text.partition(".")
-        if owner not in self._instances:
-            raise InputError(
-                key,
-                f"names an unknown instance {owner!r}" + suggestion(owner, self._instances),
-                text,
-                source=self._file,
-            )
-        variables = self._instances[owner].variables
-        names = element_names(variables, variable)
-        allowed = [n for n in names if variables[n].type != "String" and causality in (None, variables[n].causality)]
-        if not allowed:
-            kind = causality or "variable"
-            known = dict.fromkeys(
-                v.name.split("[")[0] if "]." not in v.name else v.name
-                for v in variables.values()
-                if v.type != "String" and causality in (None, v.causality)
-            )
-            hint = suggestion(variable.split("[")[0], known)
-            raise InputError(key, f"names no {kind} {variable!r} of {owner}{hint}", text, source=self._file)
-        return owner, allowed
+        if owner not in self._declarations:
+            raise self._error(key, f"names an unknown instance {owner!r}" + suggestion(owner, self._declarations), text)
+        usable = {
+            n: v
+            for n, v in self._declarations[owner].variables.items()
+            if v.type != "String" and causality in (None, v.causality)
+        }
+        if not (names := element_names(usable, variable)):
+            arrays = dict.fromkeys(n if "]." in n else n.split("[")[0] for n in usable)
+            hint = suggestion(variable.split("[")[0], arrays)
+            kind = f"an {causality}" if causality else "a variable"
+            raise self._error(key, f"must name {kind} of {owner}, which has no {variable!r}{hint}", text)
+        return owner, names
 
-    def _claim(self, wiring: Wiring, key: str, owner: str, names: list[str]) -> None:
-        taken = {n for n, _ in wiring.inputs[owner]}
-        for name in names:
-            if name in taken:
-                raise InputError(
-                    key, "must not drive an input that is driven already", f"{owner}.{name}", source=self._file
-                )
+    def _add_outputs(self, owner: str) -> None:
+        wiring = self._wiring
+        read = [
+            v
+            for v in self._declarations[owner].variables.values()
+            if v.type in TYPE_ORDER
+            and v.causality != "input"
+            and (v.causality == "output" or f"{owner}.{v.name}" in self._extra)
+        ]
+        read.sort(key=lambda v: TYPE_ORDER.index(v.type))
+        wiring.reads[owner] = [v.name for v in read]
+        wiring.spans[owner] = slice(wiring.size, wiring.size + len(read))
+        wiring.sources |= {f"{owner}.{v.name}": wiring.size + k for k, v in enumerate(read)}
+        wiring.size += len(read)
 
-    def _connect(self, wiring: Wiring) -> None:
+    def _require_undriven(self, key: str, owner: str, names: Sequence[str]) -> None:
+        driven = {name for name, _ in self._wiring.inputs[owner]}
+        if repeated := next((name for name in names if name in driven), None):
+            raise self._error(key, "must not drive an input that is driven already", f"{owner}.{repeated}")
+
+    def _connect(self) -> None:
         for k, connection in enumerate(self._scenario.connection, 1):
-            source, outputs = self._signal(f"connection[{k}].from", connection.source, "output")
-            target, inputs = self._signal(f"connection[{k}].to", connection.to, "input")
+            key = f"connection[{k}]"
+            source, outputs = self._signal(f"{key}.from", connection.source, "output")
+            target, inputs = self._signal(f"{key}.to", connection.to, "input")
             if len(outputs) != len(inputs):
-                raise InputError(
-                    f"connection[{k}]",
-                    f"must join equal sizes: {connection.source} has {len(outputs)}, {connection.to} has {len(inputs)}",
-                    source=self._file,
-                )
-            self._claim(wiring, f"connection[{k}].to", target, inputs)
-            wiring.inputs[target] += [
-                (i, wiring.sources[f"{source}.{o}"]) for i, o in zip(inputs, outputs, strict=True)
-            ]
+                sizes = f"{connection.source} has {len(outputs)}, {connection.to} has {len(inputs)}"
+                raise self._error(key, f"must join equal sizes: {sizes}")
+            self._require_undriven(f"{key}.to", target, inputs)
+            indices = [self._wiring.sources[f"{source}.{name}"] for name in outputs]
+            self._wiring.inputs[target] += zip(inputs, indices, strict=True)
 
-    def _drive(self, wiring: Wiring) -> None:
+    def _drive(self) -> None:
         for k, drive in enumerate(self._scenario.input, 1):
-            owner, names = self._signal(f"input[{k}].to", drive.to, "input")
+            key = f"input[{k}]"
+            owner, names = self._signal(f"{key}.to", drive.to, "input")
             try:
-                signal = signal_of(drive, Path(self._file).parent)
+                signal = signal_of(drive, Path(self._source).parent)
             except InputError as error:
-                raise error if error.source else error.at(self._file, f"input[{k}].") from None
+                raise error if error.source else error.at(self._source, f"{key}.") from None
             if signal.width not in (1, len(names)):
-                raise InputError(
-                    f"input[{k}]", f"must give {len(names)} values for {drive.to}", signal.width, source=self._file
-                )
-            self._claim(wiring, f"input[{k}].to", owner, names)
-            self._add_external(wiring, owner, names, signal)
+                raise self._error(key, f"must give {len(names)} values for {drive.to}", signal.width)
+            self._require_undriven(f"{key}.to", owner, names)
+            self._add_external(owner, names, signal)
 
-    def _hold_open_inputs(self, wiring: Wiring, recorded: list[str]) -> None:
-        """A plant's inputs that nothing drives keep their start values and are recorded all the same."""
-        for owner, instance in self._instances.items():
-            driven = {n for n, _ in wiring.inputs[owner]}
-            for v in instance.variables.values():
-                shown = instance.description.modelName == "BeamPlant" or f"{owner}.{v.name}" in recorded
-                if v.causality == "input" and v.type == "Real" and v.name not in driven and shown:
+    def _add_undriven_inputs(self) -> None:
+        """Real inputs that nothing drives and that are recorded: of kinds that record them, or as the scenario adds."""
+        for owner, declaration in self._declarations.items():
+            driven = {name for name, _ in self._wiring.inputs[owner]}
+            for v in declaration.variables.values():
+                recorded = _records_inputs(declaration) or f"{owner}.{v.name}" in self._extra
+                if v.causality == "input" and v.type == "Real" and v.name not in driven and recorded:
                     start = self._starts.get(owner, {}).get(v.name, v.start)
-                    self._add_external(wiring, owner, [v.name], float(start or 0.0))
+                    self._add_external(owner, [v.name], float(start or 0.0))
 
-    def _add_external(self, wiring: Wiring, owner: str, names: list[str], signal: Signal | float) -> None:
+    def _add_external(self, owner: str, names: Sequence[str], signal: Signal | float) -> None:
+        wiring = self._wiring
         span = slice(wiring.size, wiring.size + len(names))
         wiring.external.append((span, signal))
-        wiring.inputs[owner] += [(n, span.start + k) for k, n in enumerate(names)]
+        wiring.inputs[owner] += zip(names, range(span.start, span.stop), strict=True)
         wiring.size = span.stop
 
-    def _choose_columns(self, wiring: Wiring, extra: list[tuple[str, list[str]]]) -> None:
-        """Every output but x_ref, a plant's inputs, and what the scenario adds; in the order of the variables."""
-        wanted = {f"{owner}.{n}" for owner, names in extra for n in names}
-        for owner, instance in self._instances.items():
-            driven = dict(wiring.inputs[owner])
-            for v in instance.variables.values():
-                full = f"{owner}.{v.name}"
-                standard = (v.causality == "output" and not v.name.startswith("x_ref[")) or (
-                    v.causality == "input" and instance.description.modelName == "BeamPlant"
-                )
-                place = wiring.sources.get(full, driven.get(v.name))
-                if place is not None and (standard or full in wanted):
-                    wiring.columns.append(full)
-                    wiring.recorded.append(place)
+    def _choose_columns(self) -> None:
+        """Outputs that are not internal, inputs of kinds that record them, and what the scenario adds, in order."""
+        wiring = self._wiring
+        for owner, declaration in self._declarations.items():
+            sources = dict(wiring.inputs[owner])
+            internal = declaration.kind.internal_outputs if declaration.kind else ()
+            for v in declaration.variables.values():
+                name = f"{owner}.{v.name}"
+                output = v.causality == "output" and v.name.partition("[")[0] not in internal
+                own_input = v.causality == "input" and _records_inputs(declaration)
+                index = wiring.sources.get(name, sources.get(v.name))
+                if index is not None and (output or own_input or name in self._extra):
+                    wiring.columns.append(name)
+                    wiring.recorded.append(index)
+
+
+def _records_inputs(declaration: InstanceDeclaration) -> bool:
+    return declaration.kind is not None and declaration.kind.records_inputs

@@ -16,7 +16,7 @@ from flexbeams.controller.canonical import NEARLY_EQUAL, RELIABLE_GAP, canonical
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.basis import Array
-from flexbeams.plant.galerkin import BASES
+from flexbeams.plant.choices import BASES
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from tests.helpers import ROOT
 from tests.oracles.examples import equal_beams, uncoupled_beams

@@ -14,7 +14,7 @@ from flexbeams.controller.closed_loop import (
     slow_plant,
 )
 from flexbeams.plant.basis import Array
-from flexbeams.plant.galerkin import BasisName
+from flexbeams.plant.choices import BasisName
 from tests.helpers import design_of
 from tests.oracles.monolithic import largest_difference, loop_matrices, plant_matrices, simulate
 

@@ -22,8 +22,8 @@ from flexbeams.controller.planner import sample_grid
 from flexbeams.controller.reduction import ReducedModel
 from flexbeams.controller.transition import Transition, derivative_scales, transition_of_order
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import DesignError
-from flexbeams.plant.galerkin import BasisName
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from tests.oracles.examples import beam, five_beams, gauge, patch, point, single_beam, three_beams
 

@@ -17,9 +17,10 @@ from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reduction import ENERGY_MODES, OutputWeight, ReducedModel, reduce
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import energy_form
 from flexbeams.plant.errors import DesignError
-from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
 from tests.oracles.accuracy import response

@@ -19,13 +19,13 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.declaration import TYPE_ORDER
-from flexbeams.scenarios.definition.schema import find_scenario
+from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.closed_loop import export_closed_loop
 from flexbeams.scenarios.exporting.ssp import export_ssp
 from flexbeams.scenarios.runs.package import run_package
-from flexbeams.scenarios.runs.prepare import prepare_run
-from flexbeams.scenarios.runs.scenario import prepare, run_scenario
+from flexbeams.scenarios.runs.prepare import prepare_scenario
+from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
@@ -88,14 +88,12 @@ def folder_of(file: Path) -> Path:
 
 def stimuli(scenario: str, inputs: list[str], **changed: Any) -> Array:
     """What drives the inputs of a closed loop in a scenario, a row for each step and the end of the last."""
-    path = find_scenario(scenario)
-    read, design = prepare(path, settings(**changed))
-    _, draft = prepare_run(path, read, design, settings(**changed), lambda text: None)
-    time = np.arange(draft.steps + 1) * draft.step
-    signals = np.zeros((len(time), draft.wiring.size))
-    for span, signal in draft.wiring.external:
+    prepared = prepare_scenario(load_scenario(scenario), settings(**changed))
+    time = np.arange(prepared.steps + 1) * prepared.step
+    signals = np.zeros((len(time), prepared.wiring.size))
+    for span, signal in prepared.wiring.external:
         signals[:, span] = signal if isinstance(signal, float) else signal.sample(time)
-    places = {f"{owner}.{name}": place for owner, pairs in draft.wiring.inputs.items() for name, place in pairs}
+    places = {f"{owner}.{name}": place for owner, pairs in prepared.wiring.inputs.items() for name, place in pairs}
     places |= {name.partition(".")[2]: place for name, place in places.items()}
     return np.column_stack([signals[:, places[n]] if n in places else np.zeros(len(time)) for n in inputs])
 

@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import discretise, energy_form
-from flexbeams.plant.galerkin import BasisName, beam_model
+from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.native.workshop import HARNESSES, STRICT, ZIG, needs, needs_zig, run, workspace
 

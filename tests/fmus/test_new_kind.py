@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from fmpy import extract
 
+from flexbeams.fmus.choices import Backend
 from flexbeams.fmus.errors import BuildError, InterfaceError
-from flexbeams.fmus.packaging.build import Backend, build_units
+from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.scenarios.validation.package import unit_problems

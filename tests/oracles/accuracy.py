@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.choices import BasisName
+from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from tests.oracles.boundary_value import LaplaceSolution, StaticSolution
 

@@ -6,9 +6,10 @@ from scipy.linalg import cholesky
 
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import EnergyForm, discretise, energy_form
 from flexbeams.plant.errors import DesignError
-from flexbeams.plant.galerkin import BasisName, beam_model
+from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.statespace import state_matrices
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from tests.oracles.accuracy import response

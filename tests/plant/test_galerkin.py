@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from flexbeams.plant.galerkin import STATIONS, BasisName, beam_bases, beam_model
+from flexbeams.plant.choices import BasisName
+from flexbeams.plant.galerkin import STATIONS, beam_bases, beam_model
 from flexbeams.plant.segment import SegmentBasis
 from flexbeams.plant.statespace import undamped_frequencies
 from flexbeams.plant.structure import Structure, find_structure, read_structure

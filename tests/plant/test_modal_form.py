@@ -5,8 +5,9 @@ import pytest
 from scipy.linalg import block_diag
 
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import discretise, energy_form
-from flexbeams.plant.galerkin import BasisName, beam_model
+from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.modal_form import modal_form
 from tests.oracles.examples import five_beams, single_beam, three_beams
 

@@ -3,7 +3,8 @@
 import pytest
 
 from flexbeams.fmus.interface.si import SI_UNITS
-from flexbeams.plant.galerkin import BASES, BasisName, beam_model
+from flexbeams.plant.choices import BASES, BasisName
+from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.parameters import PARAMETERS, in_unit_order, parameter
 from flexbeams.plant.structure import Structure
 from tests.oracles.examples import five_beams, single_beam, three_beams

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from flexbeams.plant.galerkin import BasisName, beam_model
+from flexbeams.plant.choices import BasisName
+from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.statespace import state_matrices, static_gains, undamped_frequencies
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.boundary_value import StaticSolution

@@ -111,7 +111,7 @@ SCENARIOS = {
     "recording_too_large": (
         swapped("stop_time = 0.02", "stop_time = 1e9"),
         "stop_time must leave at most 1.1 GB of recorded values, 5e+12 steps make 1.44e+06 GB; record "
-        "less of them with --decimate, got 1000000000.0",
+        "fewer of them with --decimate, got 1000000000.0",
     ),
     "recording_far_too_large": (
         swapped("stop_time = 0.02", "stop_time = 1e300"),
@@ -196,16 +196,16 @@ SCENARIOS = {
     ),
     "unknown_output": (
         swapped('"plant.y_pm"', '"plant.y_mp"'),
-        "connection[4].from names no output 'y_mp' of plant; did "
+        "connection[4].from must name an output of plant, which has no 'y_mp'; did "
         "you mean 'y_pm'? (valid: y_pi, y_pm), got 'plant.y_mp'",
     ),
     "unknown_input": (
         swapped('to = "plant.u"', 'to = "plant.v"'),
-        "connection[3].to names no input 'v' of plant (valid: u, force), got 'plant.v'",
+        "connection[3].to must name an input of plant, which has no 'v' (valid: u, force), got 'plant.v'",
     ),
     "input_is_output": (
         swapped('to = "plant.u"', 'to = "plant.y_pi"'),
-        "connection[3].to names no input 'y_pi' of plant",
+        "connection[3].to must name an input of plant, which has no 'y_pi'",
     ),
     "unequal_sizes": (
         swapped('"plant.y_pm"', '"plant.y_pi"'),
@@ -248,9 +248,12 @@ SCENARIOS = {
     # record, checks, figures
     "unknown_record": (
         'record = ["plant.enery"]\n' + LOOP,
-        "record[1] names no variable 'enery' of plant; did you mean 'energy'?",
+        "record[1] must name a variable of plant, which has no 'enery'; did you mean 'energy'?",
     ),
-    "record_of_text": ('record = ["plant.design_id"]\n' + LOOP, "record[1] names no variable 'design_id' of plant"),
+    "record_of_text": (
+        'record = ["plant.design_id"]\n' + LOOP,
+        "record[1] must name a variable of plant, which has no 'design_id'",
+    ),
     "check_of_unknown_signal": (check(of='"plant.y_pii"'), "check[1].of is not recorded; did you mean 'plant.y_pi'"),
     "unknown_measure": (check(measure='"larges"'), "check[1].measure must be 'largest', "),
     "check_after_beyond_end": (check(after="1.0"), "check[1].after must be within the run of 0.02 s, got 1.0"),

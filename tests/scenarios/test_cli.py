@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from flexbeams.scenarios.cli.main import main
-from flexbeams.scenarios.definition.schema import first_comment, scenario_files
+from flexbeams.scenarios.definition.scenario_file import first_comment, scenario_files
 from flexbeams.scenarios.results.files import read_results
 from tests.helpers import UNITS, Workshop, command, design_of
 
@@ -89,7 +89,7 @@ def test_list_has_a_line_for_each_scenario(capsys: pytest.CaptureFixture[str]) -
     files = scenario_files()
     assert [line.split()[0] for line in lines] == list(files)
     for line, path in zip(lines, files.values(), strict=True):
-        text = first_comment(path)
+        text = first_comment(path.read_text(encoding="utf-8"))
         assert line.endswith("  " + text)
         assert text.endswith(".")
 

@@ -10,10 +10,12 @@ import pytest
 
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report.comparison import write_comparison
 from flexbeams.scenarios.results.compare import check_table, compare, metric_table
 from flexbeams.scenarios.results.files import read_results, write_results
-from flexbeams.scenarios.runs.scenario import Settings, run_scenario, write_run
+from flexbeams.scenarios.runs.files import write_run
+from flexbeams.scenarios.runs.scenario import run_scenario
 
 pytestmark = pytest.mark.native
 

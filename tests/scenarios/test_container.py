@@ -20,7 +20,7 @@ from flexbeams.fmus.errors import BuildError
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
-from flexbeams.scenarios.definition.schema import find_scenario, read_scenario
+from flexbeams.scenarios.definition.scenario_file import find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import signal_of
 from flexbeams.scenarios.exporting.container import export_container

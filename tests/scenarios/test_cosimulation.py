@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from flexbeams.plant.galerkin import beam_model
-from flexbeams.scenarios.definition.schema import find_scenario, read_scenario
+from flexbeams.scenarios.definition.scenario_file import find_scenario, read_scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.runs.scenario import Run, run_scenario
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.helpers import STRUCTURES, Workshop, design_of
 from tests.oracles.gevrey import taylor_coefficients_at
 from tests.oracles.monolithic import Coupling, Real, largest_difference, simulate

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.definition.schema import Figure, Scenario, find_scenario, read_scenario
+from flexbeams.scenarios.definition.scenario_file import find_scenario, read_scenario
+from flexbeams.scenarios.definition.schema import Figure, Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report.decimation import decimated
 from flexbeams.scenarios.report.figure_plots import MAX_POINTS, figure_plot, figure_plots

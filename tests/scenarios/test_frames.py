@@ -5,7 +5,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from flexbeams.plant.galerkin import STATIONS
-from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.frames import MAX_FRAMES, MAX_RATE, frame_interval
 
 pytestmark = pytest.mark.native

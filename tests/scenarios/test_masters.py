@@ -19,7 +19,7 @@ import pytest
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.bench_tables import show_masters
 from flexbeams.scenarios.cli.main import main
-from flexbeams.scenarios.definition.schema import Coupling
+from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.ssp import export_ssp
 from flexbeams.scenarios.masters.catalogue import MASTERS, RUNNER, find_master, installed_version

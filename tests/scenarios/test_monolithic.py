@@ -10,8 +10,9 @@ from flexbeams.controller.flatness import transition_series
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import discretise, energy_form
-from flexbeams.plant.galerkin import BasisName, BeamModel
+from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.measures import decay_time, motion_settling_time
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.examples import five_beams, single_beam

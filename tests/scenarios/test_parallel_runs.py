@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.job import FAILED, INTERRUPTED, OK, Job, run_job
+from flexbeams.scenarios.runs.observer import SILENT
 from flexbeams.scenarios.runs.parallel import prepare_all, run_parallel
 from flexbeams.scenarios.runs.progress import Display
-from flexbeams.scenarios.runs.scenario import Settings
 from tests.helpers import python_environment
 
 pytestmark = pytest.mark.native
@@ -50,7 +52,7 @@ def job(path: Path, out: Path, **settings: object) -> Job:
     folder = out / path.stem
     folder.mkdir(parents=True, exist_ok=True)
     return Job(
-        scenario=str(path),
+        experiment=load_scenario(path),
         folder=folder,
         settings=Settings(record_animation=False, **{"decimate": EVERY, **settings}),  # type: ignore[arg-type]
         figures=False,
@@ -91,7 +93,7 @@ def test_a_job_that_fails_leaves_the_others_alone(
     lost = write_scenario("lost", PLANT.format(stop=0.1, voltage=1.0).replace('plant.u"\nc', 'plant.v"\nc'))
     assert run(lost, good, "--out", tmp_path) == 2
     errors = capsys.readouterr().err
-    assert "lost.toml: input[1].to names no input 'v' of plant" in errors
+    assert "lost.toml: input[1].to must name an input of plant, which has no 'v'" in errors
     assert "good: one check holds" in errors
     assert json.loads((tmp_path / "good/summary.json").read_text())["complete"] is True
 
@@ -158,7 +160,7 @@ def test_ctrl_c_ends_all_and_marks_what_was_recorded(
         # Its rows are those of a run that ends there
         text = PLANT.format(stop=float(recording.time[-1]), voltage=1.0)
         whole = job(write_scenario(f.name, text), tmp_path / "whole")
-        run_job(whole, lambda text: None, lambda done, steps: None)
+        run_job(whole, SILENT)
         assert (f.folder / "results.csv").read_bytes() == (whole.folder / "results.csv").read_bytes()
     assert finished[-1].message == "not run"
 
@@ -181,7 +183,7 @@ def test_a_lost_process_is_reported(at_run_folder: Path, tmp_path: Path, write_s
     jobs = [job(write_scenario(f"long{k}", LONG), tmp_path) for k in range(2)]
     finished = run_parallel(jobs, 1, Rough([j.name for j in jobs]))
     assert [f.status for f in finished] == [FAILED] * 2
-    assert finished[0].message == "its process, or one beside it, was ended from outside"
+    assert finished[0].message == "its process, or a parallel one, was killed"
 
 
 @pytest.mark.usefixtures("ctrl_c")

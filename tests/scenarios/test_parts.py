@@ -165,11 +165,11 @@ def test_flags_as_real(tmp_path: Path) -> None:
         (["--parts", "feedforward,control"], "--parts must name instances of the scenario; did you mean 'controller'"),
         (
             ["--parts", "plant", "--format", "ssp"],
-            "Invalid value for --parts: belongs to --format closed-loop, not ssp",
+            "--parts belongs to --format closed-loop, not ssp",
         ),
         (
             ["--ssp-version", "2.0", "--format", "closed-loop"],
-            "--ssp-version: belongs to --format ssp, not closed-loop",
+            "--ssp-version belongs to --format ssp, not closed-loop",
         ),
     ],
 )

@@ -7,7 +7,8 @@ import pytest
 
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.runs.scenario import lateness_figures, run_scenario
+from flexbeams.scenarios.results.run import lateness_figures
+from flexbeams.scenarios.runs.scenario import run_scenario
 
 pytestmark = pytest.mark.native
 

@@ -9,9 +9,12 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report import panels
 from flexbeams.scenarios.report.report import report_html
-from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.files import write_run
+from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.recording import Recording
 
 pytestmark = pytest.mark.native
@@ -116,7 +119,7 @@ def test_what_was_run_is_told(page, tracking):
         "flexbeams 0.",
     ):
         assert text in facts
-    assert tracking.about in Elements(page).inside("p")
+    assert tracking.description in Elements(page).inside("p")
 
 
 def test_settings_of_the_command_line_are_told(tracking):
@@ -208,7 +211,7 @@ def test_hostile_texts_stay_texts(page, tracking, hostile):
         replace(
             tracking,
             scenario=scenario,
-            about=hostile,
+            description=hostile,
             name=hostile,
             summary={**tracking.summary, "checks": checks, "metrics": metrics},
         )

@@ -7,9 +7,12 @@ from typing import Any
 
 import pytest
 
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.report.comparison import write_comparison
 from flexbeams.scenarios.results.compare import compare
-from flexbeams.scenarios.runs.scenario import Run, Settings, run_scenario, write_run
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.files import write_run
+from flexbeams.scenarios.runs.scenario import run_scenario
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

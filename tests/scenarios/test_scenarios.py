@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from flexbeams.scenarios.cli.main import main
-from flexbeams.scenarios.definition.schema import find_scenario, read_scenario, scenario_files
+from flexbeams.scenarios.definition.scenario_file import find_scenario, read_scenario, scenario_files
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.files import read_results
-from flexbeams.scenarios.runs.scenario import Run, run_scenario
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.helpers import STRUCTURES, design_of
 
 pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
@@ -383,8 +384,8 @@ def test_checks_that_a_shorter_run_does_not_reach(
     found = results(Path("tracking"), "--stop-time", "0.5", out=tmp_path)
     shown = capsys.readouterr()
     assert shown.err.splitlines()[-2:] == [
-        "check 'largest error from T on' looks at 1.9 s and is left out",
-        "check 'settled after' looks at 1 s and is left out",
+        "check 'largest error from T on' is left out: it looks at 1.9 s",
+        "check 'settled after' is left out: it looks at 1 s",
     ]
     assert [c["name"] for c in summary_of(tmp_path)["checks"]] == ["error at the end", "largest voltage"]
     assert found["time"][-1] == 0.5

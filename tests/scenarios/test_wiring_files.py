@@ -141,6 +141,6 @@ def test_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "tracking", "--wiring", "veos", "-o", str(tmp_path / "file")]) == 2
     assert "must be a folder, or FILE.zip" in capsys.readouterr().err
     assert main(["export", "tracking", "--wiring", "veos", "--format", "ssp"]) == 2
-    assert "--wiring: belongs to --format wiring" in capsys.readouterr().err
+    assert "--wiring belongs to --format wiring" in capsys.readouterr().err
     assert main(["export", "tracking", "--format", "wiring"]) == 2
     assert "--wiring" in capsys.readouterr().err

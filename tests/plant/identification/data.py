@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from flexbeams.plant.galerkin import BasisName, BeamModel, beam_model
+from flexbeams.plant.choices import BasisName
+from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.identification.experiment import Experiment
 from flexbeams.plant.identification.sensitivity import drive_of, modal_system, predict
 from flexbeams.plant.identification.space import ParameterSpace, parameter_space

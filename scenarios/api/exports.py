@@ -1,0 +1,109 @@
+"""Exports of scenarios for other tools."""
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from os.path import exists, isfile
+from pathlib import Path
+from typing import Any
+
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.choices import EXPORT_OPTIONS, EXPORT_SUFFIXES, WIRING_TOOLS, ExportFormat
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.runs.observer import ignore_note
+
+# Functions that write the formats; their modules are imported when they are needed
+WRITERS: dict[ExportFormat, tuple[str, str]] = {
+    "ssp": ("flexbeams.scenarios.exporting.ssp", "export_ssp"),
+    "ospsystem": ("flexbeams.scenarios.exporting.osp", "export_osp"),
+    "closed-loop": ("flexbeams.scenarios.exporting.closed_loop", "export_closed_loop"),
+    "container": ("flexbeams.scenarios.exporting.container", "export_container"),
+    "wiring": ("flexbeams.scenarios.exporting.wiring", "export_wiring"),
+}
+
+
+def export(
+    scenario: str | Path,
+    file: str | Path | None = None,
+    *,
+    format: ExportFormat | None = None,
+    platforms: Sequence[str] = ("host",),
+    notify: Callable[[str], None] = ignore_note,
+    **options: Any,
+) -> Path:
+    """Writes a scenario for other tools: the closed loop, complete in one file or folder.
+
+    Parameters
+    ----------
+    scenario
+        A shipped name or the path of a scenario file.
+    file
+        The file, or folder, to write; by default the scenario's name with the suffix of the format.
+    format
+        `ssp`, `ospsystem`, `closed-loop`, `container` or `wiring`. By default that of an option which belongs to one
+        format only, else `closed-loop` for a file *.fmu, else `ssp`.
+    platforms
+        Binaries in the units, as in `build`.
+    notify
+        Receives notes, one line each.
+    options
+        `start`, `stop_time`, `step`, `coupling`, `basis`, `structure` and `compiler` as in `run`. Of single formats:
+        `ssp_version` (`1.0` or `2.0`), `parts` (names of instances) and `with_signals` for closed loops, `wiring`
+        (names of tools), `flags_as_real`.
+
+    Returns
+    -------
+    Path
+        The file or folder.
+
+    Raises
+    ------
+    InputError
+        Where the scenario cannot be read or run, an option does not belong to the format, or the file cannot be
+        written.
+    BuildError
+        Where a tool is missing or fails.
+    """
+    chosen = _format(format, file, options)
+    extra = _format_options(chosen, options)
+    suffix = EXPORT_SUFFIXES[chosen]
+    out = Path(file) if file is not None else Path(f"{Path(scenario).stem}{suffix}")
+    _require_path(out, suffix)
+    if chosen == "wiring" and "wiring" not in extra:
+        raise InputError("--wiring", f"must be given with --format wiring: {', '.join(WIRING_TOOLS)}")
+    settings = Settings(record_animation=False, overrides=options.pop("start", None) or {}, **options)
+    module, function = WRITERS[chosen]
+    write: Callable[..., Path] = getattr(import_module(module), function)
+    return write(str(scenario), out, settings, platforms, notify, **extra)
+
+
+def _format(format: str | None, file: str | Path | None, options: dict[str, Any]) -> ExportFormat:
+    """The format that is named, else that of an option of one format only, else that of the file's suffix."""
+    if format is None:
+        single = (formats[0] for name, formats in EXPORT_OPTIONS.items() if options.get(name) and len(formats) == 1)
+        by_suffix: ExportFormat = "closed-loop" if file is not None and Path(file).suffix.lower() == ".fmu" else "ssp"
+        return next(single, by_suffix)
+    for name in EXPORT_SUFFIXES:
+        if format == name:
+            return name
+    raise InputError("format", f"must be one of {', '.join(EXPORT_SUFFIXES)}", format)
+
+
+def _format_options(chosen: ExportFormat, options: dict[str, Any]) -> dict[str, Any]:
+    """Takes the options of single formats out of `options`; those that are set must belong to this format."""
+    extra = {}
+    for name, formats in EXPORT_OPTIONS.items():
+        if not (value := options.pop(name, None)):
+            continue
+        if chosen not in formats:
+            raise InputError(f"--{name.replace('_', '-')}", f"belongs to --format {' or '.join(formats)}, not {chosen}")
+        extra[name] = value
+    return extra
+
+
+def _require_path(out: Path, suffix: str) -> None:
+    """InputError for a path that cannot be a file, or a folder, with this suffix."""
+    if suffix.startswith("."):
+        if exists(out) and not isfile(out):
+            raise InputError("--out", "must be a regular file or a new path", str(out))
+    elif not out.name:
+        raise InputError("--out", "must be a folder, or FILE.zip", str(out))

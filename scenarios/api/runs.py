@@ -1,0 +1,76 @@
+"""Runs of scenarios and packages."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
+from flexbeams.scenarios.definition.schema import Value
+from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.job import opened_experiment, run_experiment
+from flexbeams.scenarios.runs.observer import Observer, ignore_note
+
+
+def run(
+    scenario: str | Path,
+    *,
+    start: Mapping[str, Value] | None = None,
+    stop_time: float | None = None,
+    step: float | None = None,
+    coupling: Coupling | None = None,
+    basis: BasisName | None = None,
+    structure: str | Path | None = None,
+    backend: Backend = "native",
+    compiler: str = "zig",
+    decimate: int = 1,
+    build_folder: str | Path = BUILD_FOLDER,
+    notify: Callable[[str], None] = ignore_note,
+) -> Run:
+    """Runs a scenario or an SSP package and measures its checks; writes no result files.
+
+    Units that are missing are built first.
+
+    Parameters
+    ----------
+    scenario
+        A shipped name (see `flexbeams list`), the path of a scenario file, or of an SSP package.
+    start
+        Start values by <instance>.<variable>: a number, true or false, or a list for an array.
+    stop_time, step
+        Simulated time and communication step, s.
+    coupling
+        `jacobi` or `gauss-seidel`.
+    basis, structure
+        In place of the scenario's.
+    backend, compiler, build_folder
+        Kernel of the units, C compiler of native ones, and the folder where built units are kept.
+    decimate
+        Records every `decimate`-th step, and the last one.
+    notify
+        Receives notes, one line each.
+
+    Raises
+    ------
+    FlexbeamsError
+        Where the run cannot start. A unit that fails later ends the run: `run.recording.failure`.
+
+    Examples
+    --------
+    >>> import flexbeams as fb
+    >>> fb.run("tracking", start={"plant.strain_noise_std": 1e-7}, stop_time=2.0).recording.values.shape
+    (10001, 22)
+    """
+    settings = Settings(
+        backend=backend,
+        compiler=compiler,
+        coupling=coupling,
+        basis=basis,
+        structure=None if structure is None else str(structure),
+        stop_time=stop_time,
+        step=step,
+        overrides=dict(start or {}),
+        decimate=decimate,
+        build_folder=Path(build_folder),
+    )
+    with opened_experiment(str(scenario)) as experiment:
+        return run_experiment(experiment, settings, Observer(notify=notify))

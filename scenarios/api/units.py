@@ -1,0 +1,55 @@
+"""Building of FMUs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from flexbeams.controller.design import Design
+from flexbeams.fmus.choices import BACKENDS, Backend
+from flexbeams.fmus.packaging.build import build_units
+from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
+from flexbeams.plant.errors import InputError
+
+
+def build(
+    design: Design,
+    units: Sequence[str] = (),
+    *,
+    folder: str | Path = "build/fmus",
+    backend: Backend = "native",
+    platforms: Sequence[str] = ("host",),
+    compiler: str = "zig",
+) -> list[Path]:
+    """Builds FMUs of a design; those of one design belong together.
+
+    Parameters
+    ----------
+    design
+        The design whose data the units carry.
+    units
+        `BeamPlant`, `FlatnessFeedforward`, `TrackingController`; all of them where none is named.
+    folder
+        Units are written to folder/<backend>/<unit>.fmu.
+    backend
+        `native` for kernels in C, `python` for kernels in Python.
+    platforms
+        Binaries in native units: `host`, `all`, or names as in `flexbeams build --help`.
+    compiler
+        C compiler of native units: `zig`, or one of the system's.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        For an unknown unit, platform or backend.
+    BuildError
+        Where a tool is missing or fails.
+    """
+    kinds = [require_kind(name, "UNIT") for name in dict.fromkeys(units)] or CATALOGUE
+    if backend not in BACKENDS:
+        raise InputError("backend", f"must be one of {', '.join(BACKENDS)}", backend)
+    model = design.model()
+    return build_units(kinds, design, model, Path(folder), backend=backend, platforms=platforms, compiler=compiler)

@@ -1,0 +1,14 @@
+"""The verb `flexbeams list`."""
+
+import click
+
+
+@click.command(name="list")
+def list_scenarios() -> None:
+    """The scenarios that ship, one line each."""
+    from flexbeams.scenarios.definition.scenario_file import load_scenario, scenario_files
+
+    names = list(scenario_files())
+    width = max(map(len, names))
+    for name in names:
+        click.echo(f"{name:{width}}  {load_scenario(name).description}")

@@ -1,0 +1,41 @@
+"""The verb `flexbeams validate`."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument(
+    "files", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FMU|SSP..."
+)
+@click.option(
+    "--run/--no-run",
+    "runs",
+    default=True,
+    show_default=True,
+    help="Simulate FMUs that carry reference results, and compare.",
+)
+def validate(files: tuple[Path, ...], runs: bool) -> int:
+    """Check FMUs and SSP packages; prints every problem.
+
+    FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF). Packages: the SSP 1.0 schemas,
+    connectors, units, start values, and the FMUs inside.
+    """
+    from flexbeams.scenarios.importing.package import is_package
+    from flexbeams.scenarios.validation.package import package_problems, unit_problems
+    from flexbeams.scenarios.validation.references import reference_checks
+
+    failures = 0
+    for path in files:
+        package = is_package(path.name)
+        problems = package_problems(path) if package else unit_problems(path)
+        checks = [] if package or problems or not runs else reference_checks(path)
+        failures += len(problems) + sum(not passed for passed, _ in checks)
+        for problem in problems:
+            click.echo(f"{path}: {problem}")
+        if not problems:
+            click.echo(f"{path}: valid")
+        for _, line in checks:
+            click.echo(f"{path}: {line}")
+    return 1 if failures else 0

@@ -1,0 +1,84 @@
+"""A finished run and its summary."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexbeams.controller.design import Design
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.definition.schema import Scenario
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.results.checks import Outcome, standard_metrics
+from flexbeams.scenarios.simulation.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A finished run of a scenario or of an SSP package."""
+
+    name: str
+    description: str  # the scenario's first comment, or the package's description
+    scenario: Scenario  # with the settings applied
+    settings: Settings
+    design: Design | None  # None for a package, whose units are built
+    recording: Recording
+    open_loop: Recording | None = None  # of the scenario that this one is compared with
+    outcomes: list[Outcome]
+    summary: dict[str, Any]  # content of summary.json
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run is complete and all checks hold."""
+        return self.recording.complete and all(o.passed for o in self.outcomes)
+
+
+def run_summary(
+    name: str, scenario: Scenario, design_id: str, settings: Settings, recording: Recording, outcomes: list[Outcome]
+) -> dict[str, Any]:
+    """Content of summary.json; `design_id` is empty for units without a design."""
+    summary: dict[str, Any] = {
+        "scenario": name,
+        "title": scenario.title,
+        "design_id": design_id,
+        "coupling": scenario.coupling,
+        "backend": settings.backend,
+        "complete": recording.complete,
+        "decimate": recording.decimate,
+        "set": settings.overrides,
+        "checks": [o.record() for o in outcomes],
+        "metrics": {**{o.name: o.value for o in outcomes}, **standard_metrics(recording)},
+        "timing": _timing(recording, settings.real_time_factor),
+    }
+    if recording.failure is not None:
+        summary["error"] = str(recording.failure)
+    return summary
+
+
+def _timing(recording: Recording, pace: float | None) -> dict[str, Any]:
+    """Steps, time of the stepping loop, and lateness of a run at `pace` simulated seconds for each second."""
+    simulated = float(recording.time[-1])
+    timing: dict[str, Any] = {
+        "steps": recording.steps,
+        "wall_s": recording.wall_seconds,
+        "real_time_factor": simulated / recording.wall_seconds if recording.wall_seconds else None,
+    }
+    if recording.lateness is not None and pace is not None and recording.steps > 1:
+        timing["lateness"] = lateness_figures(recording.lateness, simulated / recording.steps / pace)
+    return timing
+
+
+def lateness_figures(lateness: Array, period: float) -> dict[str, float]:
+    """How closely a paced run followed the clock: delays of the steps, s, and how many exceed `period`, s.
+
+    `rate_error` is the relative excess of the time from the first step to the last.
+    """
+    quantiles = np.quantile(lateness, [0.5, 0.99, 0.9999])
+    return {
+        "median": float(quantiles[0]),
+        "p99": float(quantiles[1]),
+        "p99.99": float(quantiles[2]),
+        "max": float(lateness.max()),
+        "overruns": int(np.count_nonzero(lateness > period)),
+        "rate_error": float(lateness[-1] - lateness[0]) / (period * (len(lateness) - 1)),
+    }

@@ -1,0 +1,86 @@
+"""Execution of a prepared run: loads its units and steps them."""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from fmpy import read_model_description
+
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.importing.archives import ExtractionBudget
+from flexbeams.scenarios.runs.observer import Observer
+from flexbeams.scenarios.runs.prepare import PreparedRun
+from flexbeams.scenarios.simulation.cosimulation import CoSimulation
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.native_stepper import NativeStepper, stepper_library
+from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.stepping import SignalBus, Stepper
+
+LOADED_PARTS = ("modelDescription.xml", "binaries/", "resources/")  # of an FMU, that a run needs
+
+
+def execute(
+    prepared: PreparedRun, files: Mapping[str, Path], observer: Observer, budget: ExtractionBudget | None = None
+) -> Recording:
+    """Loads the FMU of each instance and steps them; `budget` limits what is extracted in all.
+
+    Each instance has an extracted copy of its own: third-party units may keep state in global variables. Raises
+    InputError for units that cannot be loaded or initialised; the failure of a later call is part of the recording.
+    """
+    budget = budget or ExtractionBudget()
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="flexbeams_")))
+        instances: dict[str, UnitInstance] = {}
+        for name, file in files.items():
+            instances[name] = _loaded(name, file, folder / name, prepared, observer, budget)
+            stack.callback(instances[name].close)
+        stepper = _stepper(instances, prepared)
+        simulation = CoSimulation(instances, prepared.wiring, prepared.step, prepared.scenario.coupling, stepper)
+        try:
+            for name, values in prepared.starts.items():
+                for variable, value in values.items():
+                    instances[name].set_start(variable, value)
+            simulation.initialise(prepared.scenario.stop_time)
+        except UnitFailure as failure:
+            raise InputError("", str(failure), source=prepared.source) from None
+        return simulation.run(
+            prepared.steps, lambda done: observer.progress(done, prepared.steps), prepared.settings.decimate
+        )
+
+
+def _loaded(
+    name: str, file: Path, folder: Path, prepared: PreparedRun, observer: Observer, budget: ExtractionBudget
+) -> UnitInstance:
+    """An instance of an FMU, extracted to a folder."""
+    try:
+        budget.extract(file, folder, LOADED_PARTS)
+        description = prepared.declarations[name].description or _description(folder)
+        return UnitInstance(name, folder, description, observer.notify)
+    except (InputError, UnitFailure) as error:
+        rule = f"cannot be loaded from {file}: {error}"
+        raise InputError(f"instance.{name}", rule, source=prepared.source) from None
+
+
+def _description(folder: Path) -> Any:
+    """FMPy's description of an extracted FMU."""
+    try:
+        return read_model_description(str(folder), validate=False)
+    except Exception as error:  # FMPy raises various errors on a damaged description
+        raise InputError("", " ".join(str(error).split()) or type(error).__name__) from None
+
+
+def _stepper(
+    instances: Mapping[str, UnitInstance], prepared: PreparedRun
+) -> Callable[[Mapping[str, UnitInstance], SignalBus], Stepper] | None:
+    """The loop in C where all units are native; None for the loop in Python."""
+    settings = prepared.settings
+    if any(i.description.coSimulation.needsExecutionTool for i in instances.values()):
+        if settings.real_time_factor is not None:
+            raise InputError("--real-time", "needs native units")
+        return None
+    library = stepper_library(settings.build_folder, settings.compiler)
+    pace = None if settings.real_time_factor is None else 1 / settings.real_time_factor
+    return lambda connected, bus: NativeStepper(connected, bus, library, pace, prepared.steps)

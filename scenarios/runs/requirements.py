@@ -1,0 +1,149 @@
+"""Requirements of a run that are checked before units are built: size, targets, windows of checks, figures."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexbeams.controller.design import Design
+from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration
+from flexbeams.scenarios.definition.schema import Scenario
+from flexbeams.scenarios.definition.settings import Settings, StartValues
+from flexbeams.scenarios.definition.signals import require_sampled
+from flexbeams.scenarios.results.checks import Measurement
+from flexbeams.scenarios.results.curves import figure_curve
+from flexbeams.scenarios.simulation.recording import Recording
+
+MAX_RECORDING_BYTES = 2**30  # of recorded values; writing result files takes a multiple of it
+TIME_TOLERANCE = 1e-9  # s, within which a time counts as reached
+
+
+def whole_steps(scenario: Scenario, step: float, settings: Settings, source: str) -> int:
+    """Number of steps of `step` s up to the stop time; InputError unless it is whole and > 0."""
+    ratio = scenario.stop_time / step
+    steps = round(ratio) if math.isfinite(ratio) else 0
+    if steps < 1 or abs(steps * step - scenario.stop_time) > 1e-6 * step:
+        raise InputError(
+            "stop_time",
+            f"must be a whole number of steps of {step:g} s",
+            scenario.stop_time,
+            source=settings.stop_time_source(source),
+        )
+    return steps
+
+
+def require_sampled_signals(scenario: Scenario, step: float, source: str) -> None:
+    """InputError for an input signal that steps of `step` s are too slow for."""
+    for k, drive in enumerate(scenario.input, 1):
+        try:
+            require_sampled(drive, step)
+        except InputError as error:
+            raise error.at(source, f"input[{k}].") from None
+
+
+def require_memory(scenario: Scenario, columns: int, steps: int, settings: Settings, source: str) -> None:
+    """InputError for a recording that would take too much memory."""
+    size = 8 * (columns + 1) * (-(-steps // settings.decimate) + 1)
+    if size > MAX_RECORDING_BYTES:
+        raise InputError(
+            "stop_time",
+            f"must leave at most {MAX_RECORDING_BYTES / 1e9:.2g} GB of recorded values, {steps:.3g} steps make "
+            f"{size / 1e9:.3g} GB; record fewer of them with --decimate",
+            scenario.stop_time,
+            source=settings.stop_time_source(source),
+        )
+
+
+def require_one_design(declarations: Mapping[str, InstanceDeclaration], source: str) -> None:
+    """InputError for units of different designs."""
+    designs = {
+        name: str(declaration.variables["design_id"].start)
+        for name, declaration in declarations.items()
+        if "design_id" in declaration.variables
+    }
+    if len(set(designs.values())) > 1:
+        listed = ", ".join(f"{name} has {value[:12]}" for name, value in designs.items())
+        raise InputError(
+            "instance", f"units must be of one design (design_id): {listed}; build them together", source=source
+        )
+
+
+def require_reachable_targets(
+    scenario: Scenario,
+    design: Design,
+    kinds: Mapping[str, UnitKind],
+    declarations: Mapping[str, InstanceDeclaration],
+    starts: Mapping[str, StartValues],
+    source: str,
+) -> None:
+    """InputError for a target that would need more than the feedforward's voltage limit at rest."""
+    for k, drive in enumerate(scenario.input, 1):
+        owner, _, variable = drive.to.partition(".")
+        if owner not in kinds or not variable or variable != kinds[owner].targets:
+            continue
+        limit = float(starts[owner].get("voltage_limit", declarations[owner].variables["voltage_limit"].start))
+        for t, target in enumerate(drive.targets or [], 1):
+            _require_reachable(target.value, design, limit, f"input[{k}].targets[{t}].value", source)
+
+
+def _require_reachable(target: list[float], design: Design, limit: float, key: str, source: str) -> None:
+    inverse = design.arrays["static_inverse"]
+    if len(target) != inverse.shape[1]:
+        rule = f"must have {inverse.shape[1]} values, one for each point of interest"
+        raise InputError(key, rule, target, source=source)
+    voltage = np.abs(inverse @ np.array(target))
+    if (peak := float(voltage.max())) > limit:
+        need = f"patch pair {voltage.argmax() + 1} would need {peak:.1f} V at rest, the limit is {limit:g} V"
+        raise InputError(key, f"is out of reach: {need}", target, source=source)
+
+
+def reachable_checks(scenario: Scenario, settings: Settings, source: str, notify: Callable[[str], None]) -> Scenario:
+    """The scenario with the checks whose windows the run reaches.
+
+    Others are left out, with a note, under --stop-time only; else they raise InputError.
+    """
+    checks = []
+    for k, check in enumerate(scenario.check, 1):
+        if check.before is not None and check.before < check.after:
+            raise InputError(f"check[{k}].before", f"must be >= after ({check.after:g} s)", check.before, source=source)
+        key, last = ("after", check.after) if check.before is None else ("before", check.before)
+        if last <= scenario.stop_time + TIME_TOLERANCE:
+            checks.append(check)
+        elif settings.stop_time:
+            notify(f"check {check.name!r} is left out: it looks at {last:g} s")
+        else:
+            raise InputError(
+                f"check[{k}].{key}", f"must be within the run of {scenario.stop_time:g} s", last, source=source
+            )
+    return replace(scenario, check=checks)
+
+
+def require_measurable(scenario: Scenario, columns: list[str], source: str) -> None:
+    """InputError for a check that cannot be measured on these columns: measures a recording of zeros."""
+    zeros = zero_recording(scenario, columns)
+    Measurement(scenario, source, zeros, zeros).outcomes()
+
+
+def require_figures(scenario: Scenario, columns: list[str], open_loop: list[str] | None, source: str) -> None:
+    """InputError for a figure of signals that are not among the columns of the run or of the open loop's."""
+    recording = zero_recording(scenario, columns)
+    other = None if open_loop is None else zero_recording(scenario, open_loop)
+    for k, figure in enumerate(scenario.figure, 1):
+        for name in (name for row in figure.rows for name in row):
+            try:
+                curve = figure_curve(name, recording, other, figure.points, f"figure[{k}]")
+            except InputError as error:
+                raise error.at(source) from None
+            if not curve.columns:
+                raise InputError(f"figure[{k}].points", f"must have one within {name}", figure.points, source=source)
+
+
+def zero_recording(scenario: Scenario, columns: list[str]) -> Recording:
+    """A recording of zeros, with rows at the ends of the run and of each check's window."""
+    ends = [t for c in scenario.check for t in (c.after, c.before) if t is not None]
+    time: Any = np.unique([0.0, scenario.stop_time, *ends])
+    return Recording(time=time, columns=columns, values=np.zeros((len(time), len(columns))), wall_seconds=0.0)

@@ -1,0 +1,213 @@
+"""Stepping of native units by a loop in C."""
+
+import ctypes
+import hashlib
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
+from flexbeams.plant.archive import write_whole
+from flexbeams.plant.basis import Array
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.stepping import SignalBus
+
+_NATIVE = Path(__file__).parent / "native"
+
+
+class _Unit(ctypes.Structure):
+    _fields_ = [
+        ("component", ctypes.c_void_p),
+        ("get_real", ctypes.c_void_p),
+        ("set_real", ctypes.c_void_p),
+        ("get_integer", ctypes.c_void_p),
+        ("get_boolean", ctypes.c_void_p),
+        ("do_step", ctypes.c_void_p),
+        ("written", ctypes.c_void_p),
+        ("n_written", ctypes.c_size_t),
+        ("sources", ctypes.c_void_p),
+        ("n_sources", ctypes.c_size_t),
+        ("inputs", ctypes.c_void_p),
+        ("read", ctypes.c_void_p),
+        ("n_read", ctypes.c_size_t),
+        ("integers", ctypes.c_void_p),
+        ("n_integers", ctypes.c_size_t),
+        ("booleans", ctypes.c_void_p),
+        ("n_booleans", ctypes.c_size_t),
+        ("scratch", ctypes.c_void_p),
+        ("first_output", ctypes.c_int64),
+    ]
+
+
+class _Run(ctypes.Structure):
+    _fields_ = [
+        ("units", ctypes.POINTER(_Unit)),
+        ("n_units", ctypes.c_size_t),
+        ("gauss_seidel", ctypes.c_int),
+        ("step", ctypes.c_double),
+        ("signals", ctypes.c_void_p),
+        ("n_signals", ctypes.c_size_t),
+        ("first_external", ctypes.c_int64),
+        ("recorded", ctypes.c_void_p),
+        ("n_spans", ctypes.c_size_t),
+        ("n_recorded", ctypes.c_size_t),
+        ("failed_unit", ctypes.c_int64),
+        ("failed_function", ctypes.c_int),
+        ("failed_status", ctypes.c_int),
+    ]
+
+
+class _Pace(ctypes.Structure):
+    _fields_ = [("started", ctypes.c_double), ("seconds_per_step", ctypes.c_double), ("lateness", ctypes.c_void_p)]
+
+
+class NativeStepper:
+    """The loop in C (native/stepper.c), for instances whose functions are C; bit-identical to the Python one.
+
+    With `pace`, seconds of the wall clock for each second of the run, every step waits for its time; `lateness` then
+    has the delay of each step, s.
+    """
+
+    def __init__(
+        self,
+        instances: Mapping[str, UnitInstance],
+        bus: SignalBus,
+        library: Path,
+        pace: float | None = None,
+        steps: int = 0,
+    ) -> None:
+        self._instances, self._bus, self.done = list(instances.values()), bus, 0
+        self._library = ctypes.CDLL(str(library))
+        self._library.run_block.restype = ctypes.c_size_t
+        self._library.time_block.restype = ctypes.c_size_t
+        self._library.pace_clock.restype = ctypes.c_double
+        self._referenced: list[Any] = []  # by the C structures
+        table = (_Unit * len(instances))(*[self._describe(i) for i in self._instances])
+        recorded = _spans(bus.recorded)
+        self._referenced.append(recorded)
+        self._run = _Run(
+            units=table,
+            n_units=len(instances),
+            gauss_seidel=bus.coupling != "jacobi",
+            step=bus.step,
+            signals=bus.signals.ctypes.data,
+            n_signals=len(bus.signals),
+            first_external=bus.first_external,
+            recorded=recorded.ctypes.data,
+            n_spans=len(recorded),
+            n_recorded=len(bus.recorded),
+        )
+        self._pace = None if pace is None else _Pace(started=0.0, seconds_per_step=pace * bus.step, lateness=None)
+        self.lateness = None if pace is None else np.zeros(steps)
+
+    def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
+        """See Stepper.advance."""
+        external = np.ascontiguousarray(external)
+        pace = None
+        if self._pace is not None and self.lateness is not None:
+            if first == 0:
+                self._pace.started = self._library.pace_clock()
+            self._pace.lateness = self.lateness.ctypes.data + first * self.lateness.itemsize
+            pace = ctypes.byref(self._pace)
+        done = self._library.run_block(
+            ctypes.byref(self._run),
+            ctypes.c_int64(first),
+            ctypes.c_size_t(len(external)),
+            ctypes.c_void_p(external.ctypes.data),
+            ctypes.c_int64(every),
+            ctypes.c_void_p(rows.ctypes.data),
+            pace,
+        )
+        return self._require(first, int(done), len(external))
+
+    def durations(self, first: int, external: Array) -> Array:
+        """Duration of each step, s (count,), of steps as in `advance` with nothing recorded."""
+        external, seconds = np.ascontiguousarray(external), np.empty(len(external))
+        done = self._library.time_block(
+            ctypes.byref(self._run),
+            ctypes.c_int64(first),
+            ctypes.c_size_t(len(external)),
+            ctypes.c_void_p(external.ctypes.data),
+            ctypes.c_void_p(seconds.ctypes.data),
+        )
+        self._require(first, int(done), len(external))
+        return seconds
+
+    def _require(self, first: int, done: int, count: int) -> int:
+        """The steps done; UnitFailure where they are fewer than `count`."""
+        self.done = first + done
+        if done < count:
+            instance = self._instances[self._run.failed_unit]
+            function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
+            raise UnitFailure(
+                instance.name,
+                self.done * self._bus.step,
+                function,
+                instance.last_error or f"status {self._run.failed_status}",
+            )
+        return done
+
+    def _describe(self, instance: UnitInstance) -> _Unit:
+        references = instance.references
+        sources = _spans(self._bus.sources[instance.name])
+        scratch = np.zeros(max(len(references.integers) + len(references.booleans), 1), np.int32)
+        arrays = [
+            np.array(array, np.uint32)
+            for array in (references.written, references.read, references.integers, references.booleans)
+        ]
+        self._referenced += [sources, scratch, *arrays]
+        written, read, integers, booleans = (a.ctypes.data for a in arrays)
+        return _Unit(
+            component=instance.component,
+            written=written,
+            n_written=len(references.written),
+            sources=sources.ctypes.data,
+            n_sources=len(sources),
+            inputs=instance.inputs.ctypes.data,
+            read=read,
+            n_read=len(references.read),
+            integers=integers,
+            n_integers=len(references.integers),
+            booleans=booleans,
+            n_booleans=len(references.booleans),
+            scratch=scratch.ctypes.data,
+            first_output=self._bus.spans[instance.name].start,
+            **{
+                field: instance.address(name)
+                for field, name in (
+                    ("get_real", "fmi2GetReal"),
+                    ("set_real", "fmi2SetReal"),
+                    ("get_integer", "fmi2GetInteger"),
+                    ("get_boolean", "fmi2GetBoolean"),
+                    ("do_step", "fmi2DoStep"),
+                )
+            },
+        )
+
+
+def _spans(indices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Indices as (spans, 2): first and count of each run of consecutive ones."""
+    begins = np.flatnonzero(np.diff(indices, prepend=-2) != 1)
+    return np.stack([indices[begins], np.diff(begins, append=len(indices))], axis=1).astype(np.int64)
+
+
+def stepper_library(folder: Path, compiler: str) -> Path:
+    """The compiled loop, kept in `folder` under a name that depends on its source and the compiler.
+
+    Raises BuildError.
+    """
+    source, header = _NATIVE / "stepper.c", _NATIVE / "stepper.h"
+    digest = hashlib.sha256(source.read_bytes() + header.read_bytes() + compiler.encode()).hexdigest()[:12]
+    platform = host_platform()
+    library = folder / f"stepper-{digest}{platform.suffix}"
+    if not library.is_file():
+        with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
+            built = Path(temporary) / f"stepper{platform.suffix}"
+            find_compiler(compiler).build(built, [source], [_NATIVE], platform)
+            write_whole(library, built.read_bytes())
+    return library
