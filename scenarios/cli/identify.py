@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.cli.options import BASES, note, structure_option
+from flexbeams.scenarios.cli.options import BASIS, note, structure_option
 
 FILES = click.Path(exists=True, dir_okay=False, path_type=Path)
 map_option = click.option(
@@ -58,7 +58,7 @@ def identify() -> None:
 @click.option("--uncoupled", multiple=True, type=FILES, help="File recorded with the springs taken off. Repeatable.")
 @click.option("--free-start", multiple=True, type=FILES, help="File that does not start at rest. Repeatable.")
 @click.option("--window", metavar="BEGIN:END", help="Times that count, s, in the files' own time.")
-@click.option("--basis", type=BASES, default="clamped_free", show_default=True, help="Galerkin basis of the model.")
+@click.option("--basis", type=BASIS, default="clamped_free", show_default=True, help="Galerkin basis of the model.")
 @click.option("--order", type=click.IntRange(min=1), help="Modes of a beam, or polynomial degree.")
 @click.option("--loss", type=click.Choice(["soft_l1", "linear"]), default="soft_l1", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
