@@ -58,7 +58,7 @@ def run(
     --------
     >>> import flexbeams as fb
     >>> fb.run("tracking", start={"plant.strain_noise_std": 1e-7}, stop_time=2.0).recording.values.shape
-    (10001, 22)
+    (10001, 35)
     """
     settings = Settings(
         backend=backend,

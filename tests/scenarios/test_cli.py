@@ -13,9 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flexbeams.fmus.errors import BuildError, InterfaceError
+from flexbeams.plant.errors import DesignError, FlexbeamsError, InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.scenario_file import first_comment, scenario_files
+from flexbeams.scenarios.masters.isolation import MasterError
 from flexbeams.scenarios.results.files import read_results
+from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import UNITS, Workshop, command, design_of
 
 Write = Callable[[str, str], Path]
@@ -312,3 +316,36 @@ def mapped(pid: int) -> str:
         return Path(f"/proc/{pid}/maps").read_text()
     except OSError:
         return ""
+
+
+# errors
+
+
+def test_a_user_error_shows_its_trace_on_demand(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FLEXBEAMS_DEBUG", "1")
+    assert main(["run", "trackin"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("Traceback")
+    assert lines[-1].startswith("flexbeams: scenario 'trackin' is neither a file nor a shipped scenario")
+    monkeypatch.setenv("FLEXBEAMS_DEBUG", "0")
+    assert main(["run", "trackin"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("error", [RuntimeError, RecursionError, ValueError, OSError, MemoryError])
+def test_a_bug_shows_as_one(error: type[Exception], monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise error("a bug in the program")
+
+    monkeypatch.setattr("flexbeams.scenarios.definition.scenario_file.scenario_files", fail)
+    with pytest.raises(error, match="a bug in the program"):
+        main(["list"])
+
+
+def test_all_errors_of_the_project_have_one_root() -> None:
+    errors = (DesignError, InputError, InterfaceError, BuildError, UnitFailure, MasterError)
+    for kind in errors:
+        assert issubclass(kind, FlexbeamsError)
+    assert [kind for kind in errors if issubclass(kind, ValueError)] == [InputError]
