@@ -1,1 +1,1 @@
-"""The runs: scenario files, co-simulation of the units, results and the command line."""
+"""How does an experiment run? Scenario files, co-simulation of the units, results, exports, the command line."""

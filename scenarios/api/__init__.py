@@ -1,1 +1,1 @@
-"""Which functions does a notebook call? The public names of `flexbeams`, one module for each topic."""
+"""Which functions does a notebook call? The public names of `flexbeams`, a module for each topic."""

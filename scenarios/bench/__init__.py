@@ -1,1 +1,1 @@
-"""What a step costs, as ratios within one process."""
+"""What does a step cost? Measurements as ratios within one process, in `native/` the bare loops in C."""

@@ -1,1 +1,1 @@
-"""The command line: one module a verb, options, tables."""
+"""What does a person type and see? The command `flexbeams`: a module for each verb, options and tables."""

@@ -1,1 +1,1 @@
-"""What a scenario file may say, and what the command line changes of it."""
+"""What can a scenario define? Schema, files, signals, settings and their precedence."""

@@ -1,1 +1,1 @@
-"""How a scenario leaves the house: SSP, OSP, container, closed loop."""
+"""How is a scenario used in another tool? SSP, OSP, closed loop, container, wiring files."""

@@ -1,1 +1,1 @@
-"""FMUs and SSP packages of unknown origin."""
+"""What do third-party FMUs and packages contain? Archives and XML from untrusted sources, SSP, OSP."""

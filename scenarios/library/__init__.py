@@ -1,1 +1,1 @@
-"""The scenarios that ship."""
+"""Which scenarios ship? A TOML file for each."""

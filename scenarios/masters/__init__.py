@@ -1,1 +1,1 @@
-"""Third-party co-simulation masters, each running an exported package unchanged."""
+"""What do third-party co-simulation tools compute? Each runs an exported package unchanged."""

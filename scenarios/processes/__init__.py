@@ -1,1 +1,1 @@
-"""Child processes and Ctrl-C."""
+"""How do child processes start, and when does Ctrl-C take effect?"""

@@ -1,4 +1,4 @@
-"""Python in a process of its own: with the modules of this package, and none of the present folder."""
+"""Python in a separate process: with the modules of this package, and none of the current folder."""
 
 import os
 import sys
@@ -11,6 +11,6 @@ def python_command(*arguments: str) -> list[str]:
 
 
 def python_environment() -> dict[str, str]:
-    """The environment of such a process, wherever this package lies."""
+    """The environment of such a process, wherever this package is located."""
     paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}

@@ -1,4 +1,4 @@
-"""Ctrl-C where it must not strike: a unit interrupted in the middle of a call would fail instead of ending a run."""
+"""Deferring Ctrl-C while an FMU call is in progress, which it would make fail instead of ending the run."""
 
 import signal
 import threading
@@ -9,7 +9,10 @@ from types import FrameType
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C is noted instead of raised; yields a function that tells whether it was. A second one is raised."""
+    """Records Ctrl-C instead of raising it; yields a function that returns whether it was pressed.
+
+    A second Ctrl-C is raised.
+    """
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield pressed.is_set
@@ -30,7 +33,7 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def ignore_interrupts_in_children() -> Iterator[None]:
-    """Processes started inside ignore Ctrl-C from their first moment on, where the system hands that down."""
+    """Processes started inside ignore Ctrl-C from their start, on systems where children inherit that."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,1 +1,1 @@
-"""Pictures and pages of finished runs."""
+"""How is a finished run displayed? Plots, animation and self-contained pages; scripts in `assets/`."""

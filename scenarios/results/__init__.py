@@ -1,1 +1,1 @@
-"""Numbers of a finished run: checks, curves, files."""
+"""Which numbers does a finished run have? Checks, curves, file formats, comparison."""

@@ -1,1 +1,1 @@
-"""One run from file to folder."""
+"""How does one run go from its file to its folder? Preparation, execution, jobs in parallel, progress."""

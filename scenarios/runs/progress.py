@@ -1,4 +1,4 @@
-"""What a person sees while scenarios run: a bar for each on a terminal, plain lines elsewhere; always on stderr."""
+"""Progress of running scenarios on stderr: a bar for each on a terminal, plain lines elsewhere."""
 
 import sys
 from types import TracebackType
@@ -6,7 +6,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
 
-ALL = "all"  # the bar that counts scenarios
+ALL = "all"  # name of the bar that counts scenarios
 
 
 class Display:
@@ -16,9 +16,9 @@ class Display:
         self._names = names
         self._bars: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
-        self._over = 0
+        self._ended = 0
         if sys.stderr.isatty():
-            # What is printed to stdout meanwhile stays there, a file perhaps
+            # Output to stdout, which may be a file, is not redirected
             self._bars = Progress(
                 SpinnerColumn(),
                 TextColumn("{task.description}"),
@@ -66,8 +66,8 @@ class Display:
             self.note("started", name)
 
     def end(self, name: str, text: str) -> None:
-        """One of several scenarios is over; its bar goes and leaves a line."""
-        self._over += 1
+        """One of several scenarios has ended; a line replaces its bar."""
+        self._ended += 1
         if self._bars is not None:
             if name in self._tasks:
                 self._bars.remove_task(self._tasks.pop(name))
@@ -77,7 +77,7 @@ class Display:
     def _count(self) -> None:
         assert self._bars is not None
         count = len(self._names)
-        self._bars.update(self._task(ALL), completed=self._over, total=count, state=f"{self._over} of {count} done")
+        self._bars.update(self._task(ALL), completed=self._ended, total=count, state=f"{self._ended} of {count} done")
 
     def _task(self, name: str) -> TaskID:
         assert self._bars is not None

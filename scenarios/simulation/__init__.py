@@ -1,1 +1,1 @@
-"""Stepping: coupling, recording, instances, the loop in C."""
+"""How do coupled units step? Wiring, instances, loops in Python and in C (`native/`), recording."""

@@ -1,4 +1,4 @@
-"""One FMU instance for the stepping loop: value references looked up once, buffers shared with the runner."""
+"""An FMU instance for the stepping loop: value references looked up once, buffers shared with the caller."""
 
 import ctypes
 from collections.abc import Callable
@@ -70,13 +70,13 @@ class UnitInstance:
                 instanceName=name,
                 modelIdentifier=description.coSimulation.modelIdentifier,
             )
-        except Exception as error:
+        except Exception as error:  # FMPy and the loader raise various errors
             raise UnitFailure(name, 0.0, "loading its library", str(error)) from None
         try:
-            # Units that log by the standard's categories tell what went wrong; others tell of every step
-            known = {category.name for category in description.logCategories}
-            self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in known)
-        except Exception as error:
+            # Units with the standard's log categories log errors; others may log every step
+            categories = {category.name for category in description.logCategories}
+            self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in categories)
+        except Exception as error:  # FMPy raises Exception itself
             self._fmu.freeLibrary()
             raise UnitFailure(name, 0.0, "fmi2Instantiate", self.last_error or str(error)) from None
         self.component = self._fmu.component
@@ -88,7 +88,7 @@ class UnitInstance:
     def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         lines = (message or b"").decode("utf-8", "replace").strip().splitlines()
         if len(lines) > 1 and lines[0].startswith("Fatal py exception encountered"):
-            del lines[0]  # what pythonfmu's wrapper puts before the unit's own text
+            del lines[0]  # pythonfmu's wrapper puts this line before the unit's own text
         text = " ".join(lines)
         if status > 1:
             self.last_error = text
@@ -198,7 +198,7 @@ class UnitInstance:
         """Terminates and frees the instance."""
         try:
             self._fmu.terminate()
-        except Exception:
+        except FMICallException:
             self.last_error = ""
         self._fmu.freeInstance()
 

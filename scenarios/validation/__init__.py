@@ -1,1 +1,1 @@
-"""Checks of FMUs and packages: structure and reference results."""
+"""Are an FMU and a package correct? Structure, and results beside the references inside."""
