@@ -15,6 +15,7 @@ from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reduction import ReducedModel, reduce
 from flexbeams.controller.sampling import sampling_warnings
 from flexbeams.controller.statics import Statics, statics_of, with_statics
+from flexbeams.controller.structure_checks import structure_warnings
 from flexbeams.controller.summary import design_summary
 from flexbeams.controller.transition import transition_of_order
 from flexbeams.controller.verification import verify_design
@@ -96,7 +97,7 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
         **verification.figures(),
         **({"offsets": offsets.figures()} if offsets else {}),
         "flatness_cancellation": cancellation,
-        "warnings": warnings + verification.warnings(),
+        "warnings": [*structure_warnings(model, system), *warnings, *verification.warnings()],
     }
     reliable = reduced.position_coordinates.reliable and reduced.velocity_coordinates.reliable
     design_id = identify(structure, options, arrays, with_fingerprint=not reliable)

@@ -14,7 +14,8 @@ from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.statespace import static_gains
 
 OutputWeight = Literal["identity", "energy"]
-ENERGY_MODES = 30  # undamped modes retained before balancing in the energy norm
+ENERGY_MODES = 30  # undamped modes retained before balancing in the energy norm, at least
+ENERGY_RESERVE = 1.2  # and at least so many times the states that are retained
 NEGLIGIBLE_HANKEL = 1e-7  # relative; smaller singular values are rounding: square roots of Gramians accurate to 1e-16
 
 
@@ -68,14 +69,14 @@ def reduce(
     """Balances position and velocity blocks separately and retains `position_states` states of each.
 
     output_weight "identity" balances in the Galerkin coordinates (H = I in (22), the paper); "energy" in
-    coordinates whose squared norm is twice the energy, after a truncation to the lowest ENERGY_MODES undamped
-    modes: that choice does not depend on the basis. Raises DesignError where the model has fewer states, where a
-    mode is not damped or where the reduced A is not Hurwitz; the message names the eigenvalue.
+    coordinates whose squared norm is twice the energy, after a truncation to the lowest undamped modes, ENERGY_MODES
+    or, for many states, ENERGY_RESERVE times as many: that choice does not depend on the basis. Raises DesignError
+    where the model has fewer states, where a mode is not damped or where the reduced A is not Hurwitz; the message
+    names the eigenvalue.
     """
-    form = _modal_form(system, output_weight)
+    form = _modal_form(system, output_weight, position_states)
     n = form.positions.shape[1]
-    if not 1 <= position_states <= n:
-        raise DesignError(f"reduced_modes must keep 1 to {n} position states, got {position_states}")
+    _require_states(position_states, n, len(model.structure.beam))
     _require_damped(form.A)
     projection = _projection(form, _all_stations(model), position_states)
     right, left, sigma_p, sigma_v = projection.right, projection.left, projection.sigma_p, projection.sigma_v
@@ -150,10 +151,12 @@ class _ModalForm:
     output_gram: Array  # H'H of (22), (2 n, 2 n)
 
 
-def _modal_form(system: SecondOrderSystem, output_weight: OutputWeight) -> _ModalForm:
+def _modal_form(system: SecondOrderSystem, output_weight: OutputWeight, position_states: int) -> _ModalForm:
     # 1/omega^2 as eigenvalues: the low modes, which matter, are then the accurate ones
     inverse_squares, mode_shapes = eigh(system.M, system.K)
-    n = len(inverse_squares) if output_weight == "identity" else min(ENERGY_MODES, len(inverse_squares))
+    n = len(inverse_squares)
+    if output_weight == "energy":
+        n = min(n, max(ENERGY_MODES, int(np.ceil(ENERGY_RESERVE * position_states))))
     omega = 1 / np.sqrt(inverse_squares[::-1][:n])
     mode_shapes = mode_shapes[:, ::-1][:, :n] * omega  # mass-normalised
     A = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -mode_shapes.T @ system.D @ mode_shapes]])
@@ -205,8 +208,8 @@ def _balance(controllability: Array, observability: Array, states: int) -> tuple
     U, sigma, Vt = svd(factor_o.T @ factor_c)
     if sigma[states - 1] <= sigma[0] * NEGLIGIBLE_HANKEL:
         raise DesignError(
-            f"reduced_modes keeps state {states}, whose Hankel singular value {sigma[states - 1]:.3g} "
-            f"vanishes beside the first, {sigma[0]:.3g}; keep fewer"
+            f"reduced_modes retains position or velocity state {states}, whose Hankel singular value "
+            f"{sigma[states - 1]:.3g} vanishes beside the first, {sigma[0]:.3g}; use fewer modes"
         )
     scale = 1 / np.sqrt(sigma[:states])
     return factor_c @ Vt[:states].T * scale, (factor_o @ U[:, :states] * scale).T, sigma
@@ -221,6 +224,14 @@ def _factor(gramian: Array) -> Array:
 
 def _relative(residual: Array, constant: Array) -> float:
     return float(np.linalg.norm(residual + constant) / np.linalg.norm(constant))
+
+
+def _require_states(position_states: int, modes: int, beams: int) -> None:
+    if not 1 <= position_states <= modes:
+        raise DesignError(
+            f"reduced_modes must be 1 to {modes // beams}, modes of each beam (the model has {modes} for {beams} "
+            f"beams), got {position_states / beams:g}"
+        )
 
 
 def _require_damped(A: Array) -> None:

@@ -3,6 +3,8 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reduction import ReducedModel
@@ -20,9 +22,10 @@ def design_summary(
     arrays: dict[str, Array],
 ) -> dict[str, Any]:
     """Sizes, frequencies (rad/s), spectra (1/s), singular values and static gains (m/V, 1/V), in JSON's types."""
-    modes = np.linalg.eigvals(state_matrices(system)[0])
-    modes = modes[modes.imag >= 0]
-    modes = modes[np.argsort(np.abs(modes))]
+    frequencies = undamped_frequencies(system)
+    modes = np.linalg.eigvals(state_matrices(system)[0]).astype(np.complex128)
+    oscillating = modes[modes.imag > 0]
+    oscillating = oscillating[np.argsort(np.abs(oscillating))]
     full_pi, full_pm = static_gains(model, system)
     reduced_pi, reduced_pm = reduced.static_gain()
     step, A_d, B_d = options.sample_time, arrays["A_d"], arrays["B_d"]
@@ -36,9 +39,10 @@ def design_summary(
         "order": model.order,
         "full_order": 2 * model.size,
         "reduced_order": len(reduced.A),
-        "frequencies": undamped_frequencies(system).tolist(),
-        "damping_ratios": (-modes.real / np.abs(modes)).tolist(),
-        "damped_eigenvalues": [[float(v.real), float(v.imag)] for v in modes],
+        "frequencies": frequencies.tolist(),
+        "damping_ratios": _damping_ratios(frequencies, oscillating),
+        "damped_eigenvalues": [[float(v.real), float(v.imag)] for v in oscillating],
+        "real_eigenvalues": sorted((float(v.real) for v in modes[modes.imag == 0]), reverse=True),
         "hankel_position": reduced.hankel_position.tolist(),
         "hankel_velocity": reduced.hankel_velocity.tolist(),
         "hankel_share": reduced.hankel_share,
@@ -56,6 +60,19 @@ def design_summary(
         "estimator_eigenvalues": _sampled_spectrum(A_d - arrays["estimator_gain"] @ arrays["H_pm"], step),
         "feedback_eigenvalues": _sampled_spectrum(A_d - B_d @ arrays["feedback_gain"], step),
     }
+
+
+def _damping_ratios(frequencies: Array, oscillating: NDArray[np.complex128]) -> list[float | None]:
+    """The damping ratio of the mode of each undamped frequency; None where the mode is overdamped.
+
+    Each eigenvalue above the real axis belongs to the frequency nearest to its magnitude.
+    """
+    distance = np.abs(np.log(np.abs(oscillating))[:, None] - np.log(frequencies))
+    ratios: list[float | None] = [None] * len(frequencies)
+    for mode, frequency in zip(*linear_sum_assignment(distance), strict=True):
+        value = oscillating[mode]
+        ratios[frequency] = float(-value.real / abs(value))
+    return ratios
 
 
 def _spectrum(matrix: Array) -> list[list[float]]:

@@ -8,6 +8,7 @@ damping, front and back patch, is in these matrices; the Appendix of the paper o
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from math import ceil
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from flexbeams.plant.segment import SegmentBasis, split_at
 from flexbeams.plant.structure import Structure
 
 DEFAULT_ORDER = {"clamped_free": 10, "segment": 9}  # modes N of a beam; polynomial degree p
+FEWEST_PIECES = 3  # beams of fewer uniform pieces get as many unknowns as one of so many
 STATIONS = 21  # points along each beam whose deflection is an output
 
 
@@ -50,7 +52,10 @@ def beam_bases(structure: Structure, basis: BasisName, order: int) -> list[Basis
     bases: list[Basis] = []
     for j, beam in enumerate(structure.beam, 1):
         cuts = [z for p in structure.patch if p.beam == j for z in (p.position, p.end)]
-        bases.append(SegmentBasis(split_at(beam.length, cuts), order))
+        edges = split_at(beam.length, cuts)
+        pieces = len(edges) - 1
+        fewest = FEWEST_PIECES * (order - 1)  # unknowns
+        bases.append(SegmentBasis(edges, max(order, 1 + ceil(fewest / pieces))))
     return bases
 
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from flexbeams.controller.design import Design
@@ -29,12 +30,27 @@ def show_design(design: Design) -> None:
         modes.add_column(heading, justify="right")
     reduced = _nearest_modes(s)
     for k, omega in enumerate(s["frequencies"][:30]):
-        ratio = f"{s['damping_ratios'][k]:.4f}" if k < len(s["damping_ratios"]) else ""
+        damping = s["damping_ratios"][k]
+        ratio = "overdamped" if damping is None else f"{damping:.4f}"
         eigenvalue = f"{reduced[k][0]:.3f} ± {reduced[k][1]:.2f}j" if k in reduced else ""
         modes.add_row(str(k + 1), f"{omega:.3f}", f"{omega / (2 * np.pi):.3f}", ratio, eigenvalue)
     out.print(modes)
     if len(s["frequencies"]) > 30:
         out.print(f"... {len(s['frequencies'])} modes in all (--json lists all)")
+    if s["real_eigenvalues"]:
+        out.print("real poles, 1/s: " + ", ".join(f"{value:.3f}" for value in s["real_eigenvalues"][:12]))
+    out.print(_static_gains(s))
+    for plant, (real, imaginary) in s["closed_loop"].items():
+        out.print(f"least stable pole of the closed loop on the {plant} plant: {real:.3f} ± {abs(imaginary):.2f}j 1/s")
+    out.print(f"integral gain: {s['integral_gain']:g} a sample, stable up to {s['integral_gain_limit']:g}")
+    for warning in s["warnings"]:
+        out.print(f"[yellow]warning:[/] {escape(warning)}")
+    for name in ("estimator", "feedback"):
+        slowest = s[f"{name}_eigenvalues"][0]
+        out.print(f"slowest {name} eigenvalue: {slowest[0]:.3f} ± {abs(slowest[1]):.2f}j 1/s")
+
+
+def _static_gains(s: dict[str, Any]) -> Table:
     gains = Table(
         title="static gains, mm per 1000 V (reduced model without correction in brackets)", title_justify="left"
     )
@@ -43,10 +59,7 @@ def show_design(design: Design) -> None:
         gains.add_column(f"u[{k + 1}]", justify="right")
     for k, (full, red) in enumerate(zip(s["static_gain_pi"], s["static_gain_reduced_pi"], strict=True), 1):
         gains.add_row(f"y_pi[{k}]", *[f"{1e6 * a:.3f} ({1e6 * b:.3f})" for a, b in zip(full, red, strict=True)])
-    out.print(gains)
-    for name in ("estimator", "feedback"):
-        slowest = s[f"{name}_eigenvalues"][0]
-        out.print(f"slowest {name} eigenvalue: {slowest[0]:.3f} ± {abs(slowest[1]):.2f}j 1/s")
+    return gains
 
 
 def _nearest_modes(summary: dict[str, Any]) -> dict[int, list[float]]:

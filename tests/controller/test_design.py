@@ -128,7 +128,7 @@ def test_summary_agrees_with_the_arrays() -> None:
 def test_a_structure_with_overdamped_modes_has_a_summary() -> None:
     made = compute_design(single_beam(viscous_damping=30.0), DesignOptions(reduced_modes=3))
     json.dumps(made.summary, allow_nan=False)
-    assert max(made.summary["damping_ratios"]) == 1.0
+    assert made.summary["real_eigenvalues"]
 
 
 def test_file_holds_the_design_bit_by_bit(written: Path) -> None:
@@ -319,9 +319,12 @@ def test_bad_options_are_refused_by_name(table: dict[str, object], message: str)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"reduced_modes": 11}, "reduced_modes must keep 1 to 30 position states, got 33"),
+        (
+            {"reduced_modes": 11},
+            r"reduced_modes must be 1 to 10, modes of each beam \(the model has 30 for 3 beams\), got 11$",
+        ),
         ({"basis": "segment", "order": 2}, "order must be >= 3 for the basis segment, got 2"),
-        ({"order": 2}, "reduced_modes must keep 1 to 6 position states, got 15"),
+        ({"order": 2}, r"reduced_modes must be 1 to 2, modes of each beam .*, got 5$"),
     ],
 )
 def test_options_that_do_not_fit_the_structure_are_refused(options: dict[str, object], message: str) -> None:

@@ -332,7 +332,7 @@ SCENARIOS = {
     # designs that cannot be
     "too_many_modes": (
         LOOP + "[design]\nreduced_modes = 30\n",
-        "reduced_modes must keep 1 to 30 position states, got 90",
+        "reduced_modes must be 1 to 10, modes of each beam (the model has 30 for 3 beams), got 30",
     ),
     "gevrey_order_of_two": (LOOP + "[design]\ngevrey_order = 2.0\n", "design.gevrey_order must be < 2, got 2.0"),
     "transition_too_short": (
