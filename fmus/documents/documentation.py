@@ -66,7 +66,10 @@ def documentation_page(interface: Interface, picture: bytes, chapter: Chapter) -
         "<h2>Contents</h2>",
         "<p>The unit needs nothing but itself. <code>sources</code> holds all of it in strict C99: "
         f"<code>{title}.c</code>, the same for every design, and <code>{title}_tables.h</code>, the numbers of this "
-        "one. Compile the first with <code>-std=c99 -O2 -ffp-contract=off</code> for the results of the binaries.</p>",
+        "one. Compile the first with <code>-std=c99 -O2 -ffp-contract=off</code> for the results of the binaries, with "
+        "the headers of FMI 2.0, which come with the standard or the importing tool. Its functions are called "
+        f"<code>{title}_fmi2Instantiate</code> and so on; <code>-DFMI2_OVERRIDE_FUNCTION_PREFIX</code> gives the plain "
+        "names of a shared library. <code>CMakeLists.txt</code> builds either.</p>",
         *(
             [f"<p>Design <code>{escape(str(design))}</code>: units of different designs do not fit together.</p>"]
             if design
