@@ -44,6 +44,11 @@ def identify() -> None:
 @click.argument("files", nargs=-1, required=True, type=FILES, metavar="DATA.csv...")
 @structure_option
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Structure file to write.")
+@click.option(
+    "--report",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Page to write. Default: identify.html beside OUT.",
+)
 @click.option("--known", multiple=True, metavar="NAME=VALUE", help="A parameter that is known, in SI. Repeatable.")
 @click.option("--fix", multiple=True, metavar="NAME", help="Keep at the structure's value; patch[].density for all.")
 @click.option("--free", multiple=True, metavar="NAME", help="Identify these only. Default: all.")
@@ -62,7 +67,14 @@ def identify() -> None:
 @click.option("--order", type=click.IntRange(min=1), help="Modes of a beam, or polynomial degree.")
 @click.option("--loss", type=click.Choice(["soft_l1", "linear"]), default="soft_l1", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
-def parameters(files: tuple[Path, ...], structure: str | None, out: Path | None, as_json: bool, **options: Any) -> int:
+def parameters(
+    files: tuple[Path, ...],
+    structure: str | None,
+    out: Path | None,
+    report: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> int:
     """Fit the structure's parameters to measured data and say what the data leave open.
 
     Undetermined parameters keep their start and are marked so. Interrupted, it keeps the best fit so far.
@@ -70,12 +82,16 @@ def parameters(files: tuple[Path, ...], structure: str | None, out: Path | None,
     from flexbeams.plant.identification.writing import write_identified
     from flexbeams.plant.structure import find_structure
     from flexbeams.scenarios.cli.identify_tables import as_table, show_identification
+    from flexbeams.scenarios.report.identification import write_identification
 
     start = find_structure(structure or "kiel")
     result = _identified(start, files, options)
     if out is not None:
         write_identified(start, result, out)
         note(f"structure written to {out}")
+    if page := report or (out and out.parent / "identify.html"):
+        write_identification(result, page)
+        note(f"page written to {page}")
     if as_json:
         click.echo(json.dumps(as_table(result), indent=2))
     else:

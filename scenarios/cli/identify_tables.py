@@ -11,15 +11,7 @@ from flexbeams.plant.identification.experiment import sensor_names
 from flexbeams.plant.identification.method import Identification
 from flexbeams.plant.identification.modal import modal_form
 from flexbeams.plant.identification.quality import end_error, fits_of
-from flexbeams.plant.parameters import PARAMETERS
-
-UNITS = {(entry.part, entry.name): entry.unit for entry in PARAMETERS}
-
-
-def unit_of(name: str) -> str:
-    """Unit of measurement of a full parameter name."""
-    place, short = name.split("].")
-    return UNITS[place.split("[")[0], short]
+from flexbeams.scenarios.report.identification import unit_of
 
 
 def as_table(result: Identification) -> dict[str, Any]:

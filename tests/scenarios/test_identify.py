@@ -70,6 +70,11 @@ def test_json_and_the_structure_file(rig: Path, capsys: pytest.CaptureFixture[st
     assert "# fitted (+-" in line
     assert line.endswith("%); from the supplier")
     assert text.splitlines()[0] == (rig / "start.toml").read_text(encoding="utf-8").splitlines()[0]
+    page = (rig / "identify.html").read_text(encoding="utf-8")
+    assert all(f"{name}</th>" in page for name in result["parameters"])
+    assert "step3 (held back)" in page
+    assert page.count("<polyline") == 2 * len(result["sensors"])
+    assert "http://" not in page.replace("http://www.w3.org", "")
     statuses = [entry["status"] for entry in result["parameters"].values()]
     assert text.count("assumed (undetermined by data)") == statuses.count("assumed")
 
