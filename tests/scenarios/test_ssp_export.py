@@ -172,6 +172,10 @@ def test_the_package_keeps_to_what_all_tools_read(export: Export) -> None:
     assert (experiment.get("startTime"), experiment.get("stopTime")) == ("0.0", "1.2")
     assert [e.get("baseStepSize") for e in experiment.iterfind(".//{*}FixedStepAlgorithm")] == ["0.0002"]
     assert [e.get("stepSize") for e in root.iterfind(".//{*}FixedStepMaster")] == ["0.0002"]
+    [information] = root.iterfind(".//{*}SimulationInformation")  # OMSimulator 3 takes 1 ms without these, silently
+    assert information.attrib == {"name": "oms_ma_default", "method": "oms_ma", "fixedStepSize": "0.0002"}
+    assert root.findall(".//ssd:Component/ssd:Annotations", NS) == []  # which OMSimulator 2 refuses
+    assert root.findall(".//ssd:SystemGeometry", NS) == []  # likewise
     system = root.find("ssd:System", NS)
     assert system is not None
     assert system.find("ssd:Connectors", NS) is None
