@@ -92,7 +92,7 @@ def test_defaults_equal_the_python_unit(workshop: Workshop, unit: str) -> None:
 def test_any_structure_and_basis(workshop: Workshop, unit: str, structure: str, basis: str) -> None:
     """Another design, so all tables differ. Early in a transition of five beams, the feedforward's sums of 31
     derivatives cancel to a hundred-thousandth of their terms."""
-    native, python, *_ = both(workshop, unit, 300, structure=structure, basis=basis)
+    native, python, *_ = both(workshop, unit, 150, structure=structure, basis=basis)
     assert difference(native, python) < (1e-10 if unit == "FlatnessFeedforward" else 1e-12)
 
 

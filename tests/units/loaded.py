@@ -20,11 +20,12 @@ class Loaded(UnitInstance):
 
     def __init__(self, folder: Path, name: str = "unit") -> None:
         self.notes: list[str] = []
+        self._known: dict[str, list[str]] = {}  # elements by the name of their array
         super().__init__(name, folder, read_model_description(folder, validate=False), self.notes.append)
 
     def put(self, name: str, values: float | bool | Sequence[float] | Real) -> None:
         """Sets a variable, or every element of an array."""
-        names = element_names(self.variables, name)
+        names = self._elements(name)
         listed = np.broadcast_to(np.asarray(values), len(names)).tolist()
         kind = self.variables[names[0]].type
         self.call(
@@ -37,8 +38,13 @@ class Loaded(UnitInstance):
         """Values of variables and whole arrays, one after the other."""
         return np.concatenate([self._take(name) for name in names])
 
+    def _elements(self, name: str) -> list[str]:
+        if name not in self._known:
+            self._known[name] = element_names(self.variables, name)
+        return self._known[name]
+
     def _take(self, name: str) -> Real:
-        names = element_names(self.variables, name)
+        names = self._elements(name)
         references = [self.variables[n].valueReference for n in names]
         return np.array(self.call(f"get{self.variables[names[0]].type}", references), dtype=float)
 
@@ -67,7 +73,13 @@ class Loaded(UnitInstance):
 
     def everything(self) -> Real:
         """Every value but texts, in the order of the value references."""
-        return np.concatenate([self._take(n) for n, v in self.variables.items() if v.type != "String"])
+        numbers = [v for v in self.variables.values() if v.type != "String"]
+        values = np.empty(len(numbers))
+        for kind in ("Real", "Integer", "Boolean"):
+            places = [k for k, v in enumerate(numbers) if v.type == kind]
+            if places:
+                values[places] = self.call(f"get{kind}", [numbers[k].valueReference for k in places])
+        return values
 
     def saved(self) -> bytes:
         """The FMU state, serialised."""
