@@ -17,6 +17,13 @@
 #define INTERNAL_DATA static
 #endif
 
+/* In front of the definition of a small function in a header. */
+#if defined(__GNUC__)
+#define INTERNAL_INLINE static inline __attribute__((unused))
+#else
+#define INTERNAL_INLINE static inline
+#endif
+
 /* Begins a table on a cache line, where the compiler knows how. */
 #if defined(__GNUC__)
 #define ALIGNED __attribute__((aligned(64)))

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "pair.h"
+
 size_t panels_size(size_t rows, size_t columns)
 {
     return (rows + PANEL - 1) / PANEL * PANEL * columns;
@@ -17,22 +19,22 @@ void fill_panels(size_t rows, size_t columns, const double *matrix, size_t strid
                 *panels++ = i + k < rows ? matrix[(i + k) * stride + j] : 0.0;
 }
 
-/* Two halves of four sums each: what compilers turn into vector instructions without reordering any sum. */
 void multiply_panels(size_t rows, size_t columns, const double *panels, const double *x, bool add, double *y)
 {
     for (size_t i = 0; i < rows; i += PANEL) {
-        double upper[PANEL / 2] = {0};
-        double lower[PANEL / 2] = {0};
+        Pair sums[PANEL / 2] = {pair_of(0.0), pair_of(0.0), pair_of(0.0), pair_of(0.0)};
         for (size_t j = 0; j < columns; j++, panels += PANEL) {
-            for (size_t k = 0; k < PANEL / 2; k++)
-                upper[k] += panels[k] * x[j];
-            for (size_t k = 0; k < PANEL / 2; k++)
-                lower[k] += panels[k + PANEL / 2] * x[j];
+            const Pair factor = pair_of(x[j]);
+            sums[0] = pair_add_product(sums[0], pair_load(panels), factor);
+            sums[1] = pair_add_product(sums[1], pair_load(panels + 2), factor);
+            sums[2] = pair_add_product(sums[2], pair_load(panels + 4), factor);
+            sums[3] = pair_add_product(sums[3], pair_load(panels + 6), factor);
         }
-        for (size_t k = 0; k < PANEL && i + k < rows; k++) {
-            const double sum = k < PANEL / 2 ? upper[k] : lower[k - PANEL / 2];
-            y[i + k] = add ? y[i + k] + sum : sum;
-        }
+        double product[PANEL];
+        for (size_t k = 0; k < PANEL / 2; k++)
+            pair_store(product + 2 * k, sums[k]);
+        for (size_t k = 0; k < PANEL && i + k < rows; k++)
+            y[i + k] = add ? y[i + k] + product[k] : product[k];
     }
 }
 

@@ -5,6 +5,8 @@
 #ifndef PAIR_H
 #define PAIR_H
 
+#include "internal.h"
+
 #if defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
 
 #define WHOLE 6755399441055744.0 /* 1.5 2^52: doubles near it are whole numbers, which their last bits hold */
@@ -13,56 +15,56 @@ typedef double Pair __attribute__((vector_size(16)));
 typedef double StoredPair __attribute__((vector_size(16), aligned(8), may_alias));
 typedef unsigned long long PairBits __attribute__((vector_size(16)));
 
-static inline Pair pair(double first, double second)
+INTERNAL_INLINE Pair pair(double first, double second)
 {
     return (Pair){first, second};
 }
 
-static inline Pair pair_load(const double *memory)
+INTERNAL_INLINE Pair pair_load(const double *memory)
 {
     return *(const StoredPair *)memory;
 }
 
-static inline void pair_store(double *memory, Pair a)
+INTERNAL_INLINE void pair_store(double *memory, Pair a)
 {
     *(StoredPair *)memory = a;
 }
 
-static inline Pair pair_add(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_add(Pair a, Pair b)
 {
     return a + b;
 }
 
-static inline Pair pair_subtract(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_subtract(Pair a, Pair b)
 {
     return a - b;
 }
 
-static inline Pair pair_multiply(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_multiply(Pair a, Pair b)
 {
     return a * b;
 }
 
-static inline Pair pair_divide(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_divide(Pair a, Pair b)
 {
     return a / b;
 }
 
 /* The larger one of each. */
-static inline Pair pair_maximum(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_maximum(Pair a, Pair b)
 {
     const PairBits is_larger = (PairBits)(a > b);
     return (Pair)((is_larger & (PairBits)a) | (~is_larger & (PairBits)b));
 }
 
 /* The nearest whole numbers, magnitudes up to 2^50. */
-static inline Pair pair_nearest(Pair a)
+INTERNAL_INLINE Pair pair_nearest(Pair a)
 {
     return a + pair(WHOLE, WHOLE) - pair(WHOLE, WHOLE);
 }
 
 /* 2^a, whole numbers a within -1022 ... 1023. */
-static inline Pair pair_power_of_two(Pair a)
+INTERNAL_INLINE Pair pair_power_of_two(Pair a)
 {
     return (Pair)((PairBits)(a + pair(WHOLE + 1023, WHOLE + 1023)) << 52);
 }
@@ -78,53 +80,53 @@ typedef struct {
     double second;
 } Pair;
 
-static inline Pair pair(double first, double second)
+INTERNAL_INLINE Pair pair(double first, double second)
 {
     return (Pair){.first = first, .second = second};
 }
 
-static inline Pair pair_load(const double *memory)
+INTERNAL_INLINE Pair pair_load(const double *memory)
 {
     return pair(memory[0], memory[1]);
 }
 
-static inline void pair_store(double *memory, Pair a)
+INTERNAL_INLINE void pair_store(double *memory, Pair a)
 {
     memory[0] = a.first;
     memory[1] = a.second;
 }
 
-static inline Pair pair_add(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_add(Pair a, Pair b)
 {
     return pair(a.first + b.first, a.second + b.second);
 }
 
-static inline Pair pair_subtract(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_subtract(Pair a, Pair b)
 {
     return pair(a.first - b.first, a.second - b.second);
 }
 
-static inline Pair pair_multiply(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_multiply(Pair a, Pair b)
 {
     return pair(a.first * b.first, a.second * b.second);
 }
 
-static inline Pair pair_divide(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_divide(Pair a, Pair b)
 {
     return pair(a.first / b.first, a.second / b.second);
 }
 
-static inline Pair pair_maximum(Pair a, Pair b)
+INTERNAL_INLINE Pair pair_maximum(Pair a, Pair b)
 {
     return pair(a.first > b.first ? a.first : b.first, a.second > b.second ? a.second : b.second);
 }
 
-static inline Pair pair_nearest(Pair a)
+INTERNAL_INLINE Pair pair_nearest(Pair a)
 {
     return pair(nearbyint(a.first), nearbyint(a.second));
 }
 
-static inline Pair pair_power_of_two(Pair a)
+INTERNAL_INLINE Pair pair_power_of_two(Pair a)
 {
     return pair(ldexp(1.0, (int)a.first), ldexp(1.0, (int)a.second));
 }
@@ -132,13 +134,13 @@ static inline Pair pair_power_of_two(Pair a)
 #endif
 
 /* The same double twice. */
-static inline Pair pair_of(double value)
+INTERNAL_INLINE Pair pair_of(double value)
 {
     return pair(value, value);
 }
 
 /* The sum of both. */
-static inline double pair_sum(Pair a)
+INTERNAL_INLINE double pair_sum(Pair a)
 {
     double both[2];
     pair_store(both, a);
@@ -146,7 +148,7 @@ static inline double pair_sum(Pair a)
 }
 
 /* The first of one and the second of another. */
-static inline Pair pair_join(Pair first, Pair second)
+INTERNAL_INLINE Pair pair_join(Pair first, Pair second)
 {
     double firsts[2];
     double seconds[2];
@@ -156,13 +158,13 @@ static inline Pair pair_join(Pair first, Pair second)
 }
 
 /* sum + a b */
-static inline Pair pair_add_product(Pair sum, Pair a, Pair b)
+INTERNAL_INLINE Pair pair_add_product(Pair sum, Pair a, Pair b)
 {
     return pair_add(sum, pair_multiply(a, b));
 }
 
 /* sum - a b */
-static inline Pair pair_subtract_product(Pair sum, Pair a, Pair b)
+INTERNAL_INLINE Pair pair_subtract_product(Pair sum, Pair a, Pair b)
 {
     return pair_subtract(sum, pair_multiply(a, b));
 }

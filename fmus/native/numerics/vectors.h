@@ -8,7 +8,7 @@
 #include "pair.h"
 
 /* a' b, summed in four parts: those of the indices that leave the same remainder divided by 4. */
-static inline double vector_product(size_t n, const double *a, const double *b)
+INTERNAL_INLINE double vector_product(size_t n, const double *a, const double *b)
 {
     Pair low = pair_of(0.0);
     Pair high = pair_of(0.0);
@@ -24,7 +24,7 @@ static inline double vector_product(size_t n, const double *a, const double *b)
 }
 
 /* sum += factor a */
-static inline void vector_add_scaled(size_t n, double factor, const double *a, double *sum)
+INTERNAL_INLINE void vector_add_scaled(size_t n, double factor, const double *a, double *sum)
 {
     const Pair factors = pair_of(factor);
     size_t k = 0;
