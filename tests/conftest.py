@@ -3,7 +3,6 @@
 import os
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
-from tests.helpers import STRUCTURES, BuiltUnits, Workshop, design_of, session_folder
+from tests.helpers import STRUCTURES, BuiltUnits, Workshop, design_of, session_folder, with_shared_units
 from tests.native.workshop import native_folder, needs_zig
 
 MOST_WORKERS = 8
@@ -57,12 +56,8 @@ def units(request: pytest.FixtureRequest) -> BuiltUnits:
 
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder to run the command in; units built there serve the whole session, where links to folders can be made."""
-    folder, shared = tmp_path_factory.mktemp("runs"), session_folder() / "build"
-    shared.mkdir(exist_ok=True)
-    with suppress(OSError):
-        (folder / "build").symlink_to(shared, target_is_directory=True)
-    return folder
+    """A folder to run the command in."""
+    return with_shared_units(tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture

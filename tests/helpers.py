@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -149,6 +150,15 @@ def exported_once(write: Callable[[str, Path, Settings], Path], suffix: str) -> 
         return made / name
 
     return export
+
+
+def with_shared_units(folder: Path) -> Path:
+    """The folder, in which units that runs build serve the whole session, where links to folders can be made."""
+    shared = session_folder() / "build"
+    shared.mkdir(exist_ok=True)
+    with suppress(OSError):
+        (folder / "build").symlink_to(shared, target_is_directory=True)
+    return folder
 
 
 def resident() -> int:

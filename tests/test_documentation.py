@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers import ROOT, python_environment
+from flexbeams.scenarios.cli.main import main
+from tests.helpers import ROOT, python_environment, with_shared_units
 
-pytestmark = [pytest.mark.slow, pytest.mark.native]
+pytestmark = [pytest.mark.slow, pytest.mark.native, pytest.mark.usefixtures("known_designs")]
 
 PAGES = ["README.md", "plant/README.md", "controller/README.md", "fmus/README.md", "scenarios/README.md"]
 
@@ -32,34 +33,26 @@ def commands() -> list[tuple[str, str]]:
     return [(f"{place}:{line}", line) for place, text in texts for line in text.strip().splitlines()]
 
 
+def place_alone(text: str) -> str:
+    """The part of a test's name that says where the example stands."""
+    return text[:60] if re.match(r"[\w/]+\.md#\d", text) else ""
+
+
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the commands of all pages run one after another."""
-    return tmp_path_factory.mktemp("documentation")
+    return with_shared_units(tmp_path_factory.mktemp("documentation"))
 
 
-def flexbeams(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """The command in a process of its own, as a reader would type it."""
-    return subprocess.run(
-        [sys.executable, "-m", "flexbeams", *arguments],
-        cwd=folder,
-        env=python_environment(),
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-
-
-@pytest.mark.parametrize(("place", "line"), commands(), ids=lambda v: v[:60] if "#" in v else "")
-def test_command_example_runs(place: str, line: str, workshop: Path) -> None:
+@pytest.mark.parametrize(("place", "line"), commands(), ids=place_alone)
+def test_command_example_runs(place: str, line: str, workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program, *arguments = shlex.split(line)
     assert program == "flexbeams", place
-    done = flexbeams(workshop, *arguments)
-    assert done.returncode == 0, f"{place}: {done.stdout}{done.stderr}"
+    monkeypatch.chdir(workshop)
+    assert main(arguments) == 0
 
 
-@pytest.mark.parametrize(("place", "text"), blocks("python"), ids=lambda v: v if "#" in v else "")
+@pytest.mark.parametrize(("place", "text"), blocks("python"), ids=place_alone)
 def test_python_example_runs(place: str, text: str, workshop: Path) -> None:
     """In the folder where the commands have left their files."""
     if "libcosim" in text:
@@ -95,13 +88,13 @@ def test_design_options_example_has_the_defaults() -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "text"), [b for b in blocks("toml") if b[0].startswith("scenarios/")], ids=lambda v: v if "#" in v else ""
+    ("place", "text"), [b for b in blocks("toml") if b[0].startswith("scenarios/")], ids=place_alone
 )
-def test_scenario_example_runs(place: str, text: str, workshop: Path) -> None:
+def test_scenario_example_runs(place: str, text: str, workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = workshop / "sweep.toml"
     path.write_text(text)
-    done = flexbeams(workshop, "run", "sweep.toml", "--no-report")
-    assert done.returncode == 0, f"{place}: {done.stdout}{done.stderr}"
+    monkeypatch.chdir(workshop)
+    assert main(["run", "sweep.toml", "--no-report"]) == 0
     shutil.rmtree(workshop / "results" / "sweep")
 
 
