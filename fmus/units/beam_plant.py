@@ -260,5 +260,5 @@ step.
     experiments=plant_experiments,
     takes_basis=True,
     records_inputs=True,
-    deflections="w",
+    animated=("w", "u"),
 )

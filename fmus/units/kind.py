@@ -45,7 +45,7 @@ class UnitKind:
     takes_basis: bool = False  # an instance chooses basis and order of the plant's model
     records_inputs: bool = False  # its inputs are recorded like outputs
     internal_outputs: tuple[str, ...] = ()  # for other units only: not recorded, and hidden once connected in a loop
-    deflections: str = ""  # at stations along the beams, which an animation shows
+    animated: tuple[str, str] | None = None  # deflections at stations along the beams, and voltages, for an animation
     reference: tuple[str, str] | None = None  # reduced states and voltages of the shape that an animation compares with
     targets: str = ""  # an input that starts transitions where it changes
 

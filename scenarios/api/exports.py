@@ -46,9 +46,9 @@ def export(
     notify
         Receives notes, one line each.
     options
-        `start`, `stop_time`, `step`, `coupling`, `basis`, `structure` and `compiler` as in `run`. Of single formats:
-        `ssp_version` (`1.0` or `2.0`), `parts` (names of instances) and `with_signals` for closed loops, `wiring`
-        (names of tools), `flags_as_real`.
+        `start`, `stop_time`, `step`, `coupling`, `basis`, `structure`, `compiler` and `kinds` as in `run`. Of single
+        formats: `ssp_version` (`1.0` or `2.0`), `parts` (names of instances) and `with_signals` for closed loops,
+        `wiring` (names of tools), `flags_as_real`.
 
     Returns
     -------
@@ -70,7 +70,8 @@ def export(
     _require_path(out, suffix)
     if chosen == "wiring" and "wiring" not in extra:
         raise InputError("--wiring", f"must be given with --format wiring: {', '.join(WIRING_TOOLS)}")
-    settings = Settings(record_animation=False, overrides=options.pop("start", None) or {}, **options)
+    start, kinds = options.pop("start", None) or {}, tuple(options.pop("kinds", ()))
+    settings = Settings(record_animation=False, overrides=start, kinds=kinds, **options)
     module, function = WRITERS[chosen]
     write: Callable[..., Path] = getattr(import_module(module), function)
     return write(str(scenario), out, settings, platforms, notify, **extra)

@@ -1,8 +1,9 @@
 """Runs of scenarios and packages."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
@@ -24,6 +25,7 @@ def run(
     compiler: str = "zig",
     decimate: int = 1,
     build_folder: str | Path = BUILD_FOLDER,
+    kinds: Sequence[UnitKind] = (),
     notify: Callable[[str], None] = ignore_note,
 ) -> Run:
     """Runs a scenario or an SSP package and measures its checks; writes no result files.
@@ -46,6 +48,8 @@ def run(
         Kernel of the units, C compiler of native ones, and the folder where built units are kept.
     decimate
         Records every `decimate`-th step, and the last one.
+    kinds
+        Further kinds of units that the scenario names.
     notify
         Receives notes, one line each.
 
@@ -71,6 +75,7 @@ def run(
         overrides=dict(start or {}),
         decimate=decimate,
         build_folder=Path(build_folder),
+        kinds=tuple(kinds),
     )
     with opened_experiment(str(scenario)) as experiment:
         return run_experiment(experiment, settings, Observer(notify=notify))

@@ -7,12 +7,13 @@ from flexbeams.controller.design import Design
 from flexbeams.fmus.choices import BACKENDS, Backend
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
+from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError
 
 
 def build(
     design: Design,
-    units: Sequence[str] = (),
+    units: Sequence[str | UnitKind] = (),
     *,
     folder: str | Path = "build/fmus",
     backend: Backend = "native",
@@ -26,7 +27,8 @@ def build(
     design
         The design whose data the units carry.
     units
-        `BeamPlant`, `FlatnessFeedforward`, `TrackingController`; all of them where none is named.
+        `BeamPlant`, `FlatnessFeedforward`, `TrackingController`, or records of other kinds; all three where none is
+        named.
     folder
         Units are written to folder/<backend>/<unit>.fmu.
     backend
@@ -48,7 +50,7 @@ def build(
     BuildError
         Where a tool is missing or fails.
     """
-    kinds = [require_kind(name, "UNIT") for name in dict.fromkeys(units)] or CATALOGUE
+    kinds = [u if isinstance(u, UnitKind) else require_kind(u, "UNIT") for u in dict.fromkeys(units)] or CATALOGUE
     if backend not in BACKENDS:
         raise InputError("backend", f"must be one of {', '.join(BACKENDS)}", backend)
     model = design.model()

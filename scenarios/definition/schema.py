@@ -32,9 +32,9 @@ SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targ
 class Instance:
     """One unit: a kind built from the design, or an FMU file; instances step in the order of the file."""
 
-    unit: Literal["BeamPlant", "FlatnessFeedforward", "TrackingController"] | None = None
+    unit: str | None = None  # name of a kind
     fmu: str | None = None  # a file, relative to the scenario's folder
-    basis: BasisName | None = None  # of a BeamPlant; default: the design's
+    basis: BasisName | None = None  # of the plant's model; default: the design's
     order: Index | None = None  # modes or degree of that basis
     start: dict[str, Value] = field(default_factory=dict)  # variable, or whole array, to value
     scale: dict[str, Finite | list[Finite]] = field(default_factory=dict)  # factor on start values, [] for all
@@ -42,8 +42,6 @@ class Instance:
     def __post_init__(self) -> None:
         if (self.unit is None) == (self.fmu is None):
             raise InputError("", "must have exactly one of unit and fmu")
-        if self.unit != "BeamPlant" and (self.basis or self.order):
-            raise InputError("basis", "and order belong to a BeamPlant")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.options import DesignOptions
+from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
@@ -41,6 +42,7 @@ class Settings:
     decimate: int = 1  # every which step is recorded
     build_folder: Path = BUILD_FOLDER
     record_animation: bool = True  # record the deflected beams for the animation
+    kinds: tuple[UnitKind, ...] = ()  # of units that scenarios may name beside those of the catalogue
 
     def __post_init__(self) -> None:
         for name in ("stop_time", "step", "real_time_factor"):

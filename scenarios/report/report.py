@@ -6,6 +6,7 @@ from typing import Any
 
 from flexbeams.controller.design import Design
 from flexbeams.plant.archive import write_whole
+from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
 from flexbeams.scenarios.report.page import render
@@ -79,6 +80,7 @@ def _step(scenario: Scenario, design: Design) -> float:
 def _facts(run: Run, design: Design) -> list[tuple[str, str]]:
     """Facts about the run, as terms and descriptions."""
     s, summary, settings = run.scenario, design.summary, run.settings
+    kinds = instance_kinds(s, settings.kinds, run.name)
     parts = [
         (summary["beams"], "beam"),
         (summary["inputs"], "patch pair"),
@@ -88,8 +90,8 @@ def _facts(run: Run, design: Design) -> list[tuple[str, str]]:
     ]
     plants = {
         f"{i.basis or summary['basis']}" + (f" of order {i.order}" if i.order else "")
-        for i in s.instance.values()
-        if i.unit == "BeamPlant" and not settings.basis
+        for name, i in s.instance.items()
+        if name in kinds and kinds[name].takes_basis and not settings.basis
     }
     facts = [
         ("Scenario", run.name),

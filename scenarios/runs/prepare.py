@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.design import Design, compute_design
-from flexbeams.fmus.units.catalogue import require_kind
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
+from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings, StartValues, require_undriven, start_values
@@ -81,13 +81,13 @@ def prepare_scenario(
     source = str(file.path)
     scenario = settings.applied_to(file.scenario)
     scenario = replace(scenario, design=scenario.design.relative_to(file.path.parent))
+    kinds = instance_kinds(scenario, settings.kinds, source)
     design = _design(file, scenario, settings, designs)
     for warning in design.summary["warnings"]:
         notify(f"design: {warning}")
     step = scenario.step or design.options.sample_time
     steps = whole_steps(scenario, step, settings, source)
     require_sampled_signals(scenario, step, source)
-    kinds = _kinds(scenario)
     models = _models(scenario, design, settings, source)
     declarations = _declarations(file, design, kinds, models)
     require_one_design(declarations, source)
@@ -147,15 +147,6 @@ def _design(file: ScenarioFile, scenario: Scenario, settings: Settings, designs:
             return next(fitting, None) or compute_design(structure, scenario.design)
     except DesignError as error:
         raise DesignError(f"{source}: design of {structure_path}: {error}") from None
-
-
-def _kinds(scenario: Scenario) -> dict[str, UnitKind]:
-    """The kind of each instance whose unit is built."""
-    return {
-        name: require_kind(instance.unit, f"instance.{name}.unit")
-        for name, instance in scenario.instance.items()
-        if instance.unit is not None
-    }
 
 
 def _declarations(

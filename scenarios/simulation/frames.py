@@ -71,9 +71,9 @@ def frame_layout(
     Indices as in Wiring.
     """
     kinds = {name: declaration.kind for name, declaration in declarations.items() if declaration.kind is not None}
-    plant = next((name for name, kind in kinds.items() if kind.deflections), None)
+    plant = next((name for name, kind in kinds.items() if kind.animated), None)
     leader = next((name for name, kind in kinds.items() if kind.reference), None)
-    if plant is None:
+    if plant is None or (animated := kinds[plant].animated) is None:
         return None
     variables, driven = declarations[plant].variables, dict(inputs[plant])
 
@@ -85,8 +85,8 @@ def frame_layout(
 
     return FrameLayout(
         plant=plant,
-        stations=element_names(variables, kinds[plant].deflections),
-        voltages=[driven[n] for n in element_names(variables, "u")],
+        stations=element_names(variables, animated[0]),
+        voltages=[driven[n] for n in element_names(variables, animated[1])],
         reference=outputs(states),
         feedforward=outputs(voltages),
     )

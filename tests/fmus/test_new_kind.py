@@ -3,17 +3,21 @@
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from fmpy import extract
 
+from flexbeams import export, run
 from flexbeams.fmus.choices import Backend
+from flexbeams.fmus.documents.documentation import Chapter
 from flexbeams.fmus.errors import BuildError, InterfaceError
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.fmus.units.kind import UnitKind
-from flexbeams.scenarios.validation.package import unit_problems
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.validation.package import package_problems, unit_problems
 from flexbeams.scenarios.validation.references import reference_checks
 from tests.helpers import design_of
 from tests.native.workshop import needs_zig
@@ -99,3 +103,86 @@ def test_records_that_cannot_be_are_refused() -> None:
 
 def test_kinds_have_names_of_their_own() -> None:
     assert len({kind.name for kind in CATALOGUE}) == len(CATALOGUE)
+
+
+SCENARIO = """# An amplifier drives a plant.
+title = "Amplified plant"
+structure = "single_beam"
+stop_time = 0.02
+
+[instance.amplifier]
+unit = "Gain"
+start.gain = 3.0
+
+[instance.plant]
+unit = "BeamPlant"
+
+[[connection]]
+from = "amplifier.y"
+to = "plant.u"
+
+[[input]]
+to = "amplifier.u"
+step = { time = 0.004, value = 50.0 }
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "amplified.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.mark.parametrize("backend", [ZIG, "python"])
+def test_a_scenario_names_it(scenario: Path, tmp_path: Path, backend: Backend) -> None:
+    notes: list[str] = []
+    options: dict[str, Any] = {"backend": backend, "build_folder": tmp_path / "fmus", "kinds": [GAIN]}
+    recording = run(scenario, notify=notes.append, **options).recording
+    assert "building Gain" in notes
+    columns = dict(zip(recording.columns, recording.values.T, strict=True))
+    u = np.where(recording.time >= 0.004 - 1e-9, 50.0, 0.0)
+    np.testing.assert_array_equal(columns["amplifier.u[1]"], u)  # inputs are recorded as the record asks
+    np.testing.assert_array_equal(columns["amplifier.y[1]"][1:], 3.0 * u[:-1])
+    np.testing.assert_array_equal(columns["plant.u[1]"], columns["amplifier.y[1]"])
+    assert np.abs(columns["plant.y_pi[1]"]).max() > 1e-6
+    notes.clear()
+    again = run(scenario, notify=notes.append, **options).recording
+    assert not [note for note in notes if note.startswith("building")]
+    np.testing.assert_array_equal(again.values, recording.values)
+    changed = replace(GAIN, chapter=Chapter(equations="", timing=""))
+    run(scenario, notify=notes.append, **options | {"kinds": [changed]})
+    assert "building Gain" in notes
+
+
+@needs_zig
+def test_exports_hold_it(scenario: Path, tmp_path: Path) -> None:
+    package = export(scenario, tmp_path / "amplified.ssp", kinds=[GAIN])
+    assert package_problems(package) == []
+    plain = run(scenario, build_folder=tmp_path / "fmus", kinds=[GAIN]).recording
+    packed = run(package).recording
+    shared = [name for name in plain.columns if name in packed.columns]
+    assert "plant.y_pi[1]" in shared
+    for name in shared:
+        np.testing.assert_array_equal(
+            packed.values[:, packed.columns.index(name)], plain.values[:, plain.columns.index(name)]
+        )
+
+    loop = export(scenario, tmp_path / "loop.fmu", format="closed-loop", kinds=[GAIN])
+    assert unit_problems(loop) == []
+    with zipfile.ZipFile(loop) as archive:
+        page = archive.read("documentation/index.html").decode()
+    assert "<h3>Gain: amplifier</h3>" in page
+    with loaded(Path(extract(str(loop), unzipdir=str(tmp_path / "loop")))) as unit:
+        unit.begin()
+        assert float(unit.get("amplifier.gain")) == 3.0
+        rows = [float(unit.advance(2e-4, **{"u[1]": 50.0 if k >= 20 else 0.0}).get("y_pi[1]")) for k in range(100)]
+    np.testing.assert_array_equal(rows, plain.values[1:, plain.columns.index("plant.y_pi[1]")])
+
+
+def test_a_scenario_needs_the_record(scenario: Path) -> None:
+    with pytest.raises(InputError, match=r"amplified.toml: instance.amplifier.unit is not a unit.*\(valid: BeamPlant"):
+        run(scenario)
+    scenario.write_text(SCENARIO.replace('unit = "Gain"', 'unit = "Gain"\nbasis = "segment"'))
+    with pytest.raises(InputError, match=r"instance.amplifier.basis and order belong to a BeamPlant"):
+        run(scenario, kinds=[GAIN])

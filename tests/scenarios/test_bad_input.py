@@ -140,8 +140,8 @@ SCENARIOS = {
     # units and variables
     "unknown_unit": (
         swapped('"BeamPlant"', '"BeamPlan"'),
-        "instance.plant.unit must be 'BeamPlant', 'FlatnessFeedforward' or 'TrackingController'; did "
-        "you mean 'BeamPlant'?, got 'BeamPlan'",
+        "instance.plant.unit is not a unit; did you mean 'BeamPlant'? (valid: BeamPlant, FlatnessFeedforward, "
+        "TrackingController), got 'BeamPlan'",
     ),
     "unit_and_file": (
         swapped('unit = "BeamPlant"', 'unit = "BeamPlant"\nfmu = "x.fmu"'),
