@@ -1,8 +1,10 @@
-"""Python in a separate process: with the modules of this package, and none of the current folder."""
+"""Python in a process of its own: with the modules of this package, and none of the present folder."""
 
 import os
 import sys
 from pathlib import Path
+
+import flexbeams
 
 
 def python_command(*arguments: str) -> list[str]:
@@ -12,5 +14,5 @@ def python_command(*arguments: str) -> list[str]:
 
 def python_environment() -> dict[str, str]:
     """The environment of such a process, wherever this package is located."""
-    paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    paths = [str(Path(str(flexbeams.__file__)).parents[1]), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
