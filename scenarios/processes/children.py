@@ -4,8 +4,6 @@ import os
 import sys
 from pathlib import Path
 
-import flexbeams
-
 
 def python_command(*arguments: str) -> list[str]:
     """The command line of this interpreter with arguments."""
@@ -14,5 +12,6 @@ def python_command(*arguments: str) -> list[str]:
 
 def python_environment() -> dict[str, str]:
     """The environment of such a process, wherever this package is located."""
-    paths = [str(Path(str(flexbeams.__file__)).parents[1]), os.environ.get("PYTHONPATH", "")]
+    package = sys.modules[__name__.partition(".")[0]]
+    paths = [str(Path(str(package.__file__)).parents[1]), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
