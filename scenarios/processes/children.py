@@ -1,4 +1,4 @@
-"""Python in a process of its own: with the modules of this package, and none of the present folder."""
+"""Python in a separate process: with the modules of this package, and none of the current folder."""
 
 import os
 import sys
