@@ -26,9 +26,9 @@ def show_bench(figures: dict[str, Any]) -> None:
     ):
         out.print(table)
     r = figures["real_time"]
-    shown = ", ".join(f"{name} {1e6 * r[name]:.1f} µs" for name in ("median", "p99", "p99.99", "max"))
+    durations = ", ".join(f"{name} {1e6 * r[name]:.1f} µs" for name in ("median", "p99", "p99.99", "max"))
     out.print(
-        f"one closed-loop step, of {r['steps']}: {shown}; {r['over_limit']} above {1e6 * r['limit']:g} µs",
+        f"one closed-loop step, of {r['steps']}: {durations}; {r['over_limit']} above {1e6 * r['limit']:g} µs",
         soft_wrap=True,
     )
 

@@ -67,16 +67,16 @@ def load_scenario(name: str | Path) -> ScenarioFile:
     """
     path = find_scenario(str(name))
     loaded = _read(path)
-    wanted = loaded.scenario.open_loop
-    if wanted is None:
+    compared = loaded.scenario.open_loop
+    if compared is None:
         return loaded
-    neighbour = path.parent / wanted
+    neighbour = path.parent / compared
     try:
-        open_loop = _read(neighbour if isfile(neighbour) else find_scenario(wanted))
+        open_loop = _read(neighbour if isfile(neighbour) else find_scenario(compared))
     except InputError as error:
         raise error if error.source else InputError("open_loop", error.rule, source=str(path)) from None
     if open_loop.scenario.open_loop is not None:
-        raise InputError("open_loop", "must be a scenario without an open_loop of its own", wanted, source=str(path))
+        raise InputError("open_loop", "must be a scenario without an open_loop of its own", compared, source=str(path))
     return ScenarioFile(path=path, scenario=loaded.scenario, description=loaded.description, open_loop=open_loop)
 
 

@@ -1,4 +1,4 @@
-"""The scenario file: instances, connections, inputs and checks of one experiment."""
+"""Schema of a scenario file: instances, connections, inputs and checks of one experiment."""
 
 from dataclasses import field
 from typing import Annotated, Literal
@@ -24,13 +24,13 @@ Measure = Literal[
     "decay_ratio",
     "open_loop_peak",
 ]
-Row = Annotated[list[str], Field(min_length=1)]  # of a figure: signals drawn over each other
+Row = Annotated[list[str], Field(min_length=1)]  # of a figure: overlaid signals
 SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targets")  # of an input
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Instance:
-    """One unit: a kind built from the design, or an FMU file; instances step in the order of the file."""
+    """One unit: a kind that is built from the design, or an FMU file. Instances step in the order of the file."""
 
     unit: str | None = None  # name of a kind
     fmu: str | None = None  # a file, relative to the scenario's folder
@@ -54,7 +54,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Step:
-    """`value` from `time` on, zero before."""
+    """`value` from `time` on; zero before."""
 
     time: NonNegative  # s
     value: Finite | list[Finite]
@@ -62,7 +62,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Pulse:
-    """Half a sine from `time` on, as a pulse hammer gives; scaled to its integral."""
+    """Half a sine from `time` on, as from an impact hammer, given by its integral."""
 
     time: NonNegative  # s
     duration: Positive  # s
@@ -71,7 +71,7 @@ class Pulse:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Target:
-    """A value that holds from `time` on."""
+    """A value from `time` on."""
 
     time: NonNegative  # s
     value: list[Finite]
@@ -119,13 +119,13 @@ class Table:
     """Columns of a CSV file over its first one, the time; the first and the last row hold beyond the file's ends."""
 
     file: str  # relative to the scenario's folder
-    columns: Annotated[list[str], Field(min_length=1)] | None = None  # names of the header, a[1], a[2] ... also as a
-    hold: Literal["zero", "linear"] = "zero"  # keep each row up to the next, or join them
+    columns: Annotated[list[str], Field(min_length=1)] | None = None  # names in the header; a stands for a[1], a[2] ...
+    hold: Literal["zero", "linear"] = "zero"  # hold each row up to the next, or interpolate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Input:
-    """What drives an input from outside: exactly one signal."""
+    """An external input: exactly one signal."""
 
     to: str
     constant: Finite | list[Finite] | None = None
@@ -137,10 +137,12 @@ class Input:
     targets: Annotated[list[Target], Field(min_length=1)] | None = None
 
     def __post_init__(self) -> None:
-        given = [s for s in SIGNALS if getattr(self, s) is not None]
-        if len(given) != 1:
+        present = [s for s in SIGNALS if getattr(self, s) is not None]
+        if len(present) != 1:
             raise InputError(
-                "", f"must have exactly one of {', '.join(SIGNALS[:-1])} and {SIGNALS[-1]}", ", ".join(given) or "none"
+                "",
+                f"must have exactly one of {', '.join(SIGNALS[:-1])} and {SIGNALS[-1]}",
+                ", ".join(present) or "none",
             )
         times = [t.time for t in self.targets or []]
         if sorted(set(times)) != times:
@@ -149,7 +151,7 @@ class Input:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Check:
-    """A figure of the run, with its limits and what the paper gives."""
+    """A measured figure of the run, with its limits and the paper's value."""
 
     name: str
     measure: Measure
@@ -157,7 +159,7 @@ class Check:
     after: NonNegative = 0.0  # s, start of the window
     before: Positive | None = None  # s, end of the window, default the end of the run
     reference: Literal["zero", "target", "end", "start"] | list[Finite] = "zero"
-    points: Annotated[list[Index], Field(min_length=1)] | None = None  # elements of the array that count
+    points: Annotated[list[Index], Field(min_length=1)] | None = None  # elements of the array that are measured
     share: Positive = 0.02  # band of a settling or decay time
     relative: bool = False  # in % of the largest |target|
     unit: str = ""
@@ -172,7 +174,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Figure:
-    """Rows of plots over time, a column an element."""
+    """Rows of plots over time, with a column for each element."""
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
     title: str = ""
@@ -187,7 +189,7 @@ class Scenario:
     """One experiment."""
 
     title: str
-    paper: str = ""  # what of the paper it repeats
+    paper: str = ""  # figure or section of the paper that it reproduces
     structure: str  # a shipped name, or a file relative to the scenario's folder
     stop_time: Positive  # s
     step: Positive | None = None  # s, default: the design's sample time
@@ -197,7 +199,7 @@ class Scenario:
     connection: list[Connection] = field(default_factory=list)
     input: list[Input] = field(default_factory=list)
     record: list[str] | None = None  # further signals, or locals, to record
-    open_loop: str | None = None  # scenario whose run the decay is compared with
+    open_loop: str | None = None  # scenario to compare with
     check: list[Check] = field(default_factory=list)
     figure: list[Figure] = field(default_factory=list)
 

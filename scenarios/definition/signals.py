@@ -1,4 +1,4 @@
-"""Signals that drive inputs from outside the units.
+"""External signals, which drive inputs of the units.
 
 A time counts as reached from 1e-9 s before on, so that rounding of k * step cannot shift an edge by a step.
 Piecewise constant signals are continuous from the right.
@@ -16,7 +16,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Chirp, Input, PseudoRandom, Pulse, Step, Table, Target
 from flexbeams.scenarios.definition.time_table import read_time_table
 
-EARLY = 1e-9  # s
+TIME_TOLERANCE = 1e-9  # s
 IMPULSE_TOLERANCE = 0.05  # share of a pulse's impulse that its samples may miss
 
 
@@ -24,7 +24,7 @@ IMPULSE_TOLERANCE = 0.05  # share of a pulse's impulse that its samples may miss
 class Signal:
     """A function of time alone: how a run is split into blocks does not change it."""
 
-    width: int  # elements; a signal of one may be spread over an array
+    width: int  # elements; a signal of width 1 may drive a whole array
     sample: Callable[[Array], Array]  # times (k,) in s, ascending, to values (k, width)
 
 
@@ -48,7 +48,7 @@ def signal_of(drive: Input, folder: Path) -> Signal:
 
 
 def require_sampled(drive: Input, step: float) -> None:
-    """InputError for a signal faster than steps of `step` s can show."""
+    """InputError for a signal that is too fast for steps of `step` s."""
     if drive.pulse:
         _require_impulse(drive.pulse, step)
     if drive.chirp:
@@ -57,7 +57,7 @@ def require_sampled(drive: Input, step: float) -> None:
                 raise InputError(
                     f"chirp.{key}", f"must be <= {0.5 / step:g} Hz, half the step rate", getattr(drive.chirp, key)
                 )
-    if drive.pseudo_random and drive.pseudo_random.hold < step - EARLY:
+    if drive.pseudo_random and drive.pseudo_random.hold < step - TIME_TOLERANCE:
         raise InputError("pseudo_random.hold", f"must be at least the step of {step:g} s", drive.pseudo_random.hold)
 
 
@@ -68,11 +68,11 @@ def _require_impulse(pulse: Pulse, step: float) -> None:
     first = np.floor(pulse.time / step)
     times = step * (first + np.arange(int(np.ceil(pulse.duration / step)) + 2))
     unit = replace(pulse, impulse=1.0)
-    kept = step * float(_pulse(unit).sample(times).sum())
-    if abs(kept - 1.0) > IMPULSE_TOLERANCE:
+    sampled = step * float(_pulse(unit).sample(times).sum())
+    if abs(sampled - 1.0) > IMPULSE_TOLERANCE:
         raise InputError(
             "pulse.duration",
-            f"must be at least 8 steps of {step:g} s, whose samples here carry {100 * kept:.3g} % of the impulse",
+            f"must be at least 8 steps of {step:g} s, whose samples here carry {100 * sampled:.3g} % of the impulse",
             pulse.duration,
         )
 
@@ -83,7 +83,7 @@ def _row(value: float | list[float]) -> Array:
 
 def _step(step: Step) -> Signal:
     value = _row(step.value)
-    return Signal(width=len(value), sample=lambda time: np.outer(time + EARLY >= step.time, value))
+    return Signal(width=len(value), sample=lambda time: np.outer(time + TIME_TOLERANCE >= step.time, value))
 
 
 def _pulse(pulse: Pulse) -> Signal:
@@ -92,14 +92,14 @@ def _pulse(pulse: Pulse) -> Signal:
 
     def sample(time: Array) -> Array:
         phase = (time - pulse.time) / pulse.duration
-        inside = (time + EARLY >= pulse.time) & (phase < 1)
+        inside = (time + TIME_TOLERANCE >= pulse.time) & (phase < 1)
         return np.where(inside, height * np.sin(np.pi * phase), 0.0)[:, None]
 
     return Signal(width=1, sample=sample)
 
 
 def _chirp(chirp: Chirp) -> Signal:
-    """amplitude sin(2 pi c), c the integral of the frequency from `time` on."""
+    """amplitude sin(2 pi c), c the integral of the frequency since `time`."""
     first, ratio = chirp.start_frequency, 1.0
     amplitude = _row(chirp.amplitude)
     if chirp.sweep == "logarithmic":
@@ -107,7 +107,7 @@ def _chirp(chirp: Chirp) -> Signal:
 
     def sample(time: Array) -> Array:
         tau = time - chirp.time
-        inside = (tau + EARLY >= 0) & (tau + EARLY < chirp.duration)
+        inside = (tau + TIME_TOLERANCE >= 0) & (tau + TIME_TOLERANCE < chirp.duration)
         share = np.where(inside, tau, 0.0) / chirp.duration
         if ratio == 1.0:
             slope = 0.0 if chirp.sweep == "logarithmic" else chirp.stop_frequency - first
@@ -125,7 +125,7 @@ def _held(signal: PseudoRandom, levels: Callable[[int, int], Array]) -> Signal:
     duration = np.inf if signal.duration is None else signal.duration
 
     def sample(time: Array) -> Array:
-        tau = time - signal.time + EARLY
+        tau = time - signal.time + TIME_TOLERANCE
         inside = (tau >= 0) & (tau < duration)
         values = np.zeros((len(time), len(amplitude)))
         if inside.any():
@@ -138,7 +138,7 @@ def _held(signal: PseudoRandom, levels: Callable[[int, int], Array]) -> Signal:
 
 
 def _binary(signal: PseudoRandom) -> Signal:
-    """+-1 by a maximum-length sequence; each element begins a share of the period later, the first where seed says."""
+    """+-1 by a maximum-length sequence; elements are offset by equal shares of the period, the first by the seed."""
     sequence, begin = binary_sequence(signal)
     period, width = len(sequence), len(_row(signal.amplitude))
     offsets = begin + np.arange(width) * period // width
@@ -190,7 +190,7 @@ def _table(drive: Input, table: Table, folder: Path) -> Signal:
     times, values = rows[:, 0], rows[:, 1:]
 
     def hold(time: Array) -> Array:
-        return values[np.maximum(np.searchsorted(times, time + EARLY, side="right") - 1, 0)]
+        return values[np.maximum(np.searchsorted(times, time + TIME_TOLERANCE, side="right") - 1, 0)]
 
     def join(time: Array) -> Array:
         return np.stack([np.interp(time, times, column) for column in values.T], axis=1)
@@ -204,4 +204,6 @@ def _targets(targets: list[Target]) -> Signal:
         raise InputError("targets", "must all have the same number of values", sizes)
     values = np.array([np.zeros(sizes[0]), *[t.value for t in targets]])
     times = [t.time for t in targets]
-    return Signal(width=sizes[0], sample=lambda time: values[np.searchsorted(times, time + EARLY, side="right")])
+    return Signal(
+        width=sizes[0], sample=lambda time: values[np.searchsorted(times, time + TIME_TOLERANCE, side="right")]
+    )

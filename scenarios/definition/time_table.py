@@ -96,8 +96,8 @@ def read_time_table(path: Path, jumps: bool = False) -> TimeTable:
     clock = _time_column(header, number, source)
     table = np.array([_numbers(row, number, header, source) for number, row in rows[1:]])
     times = table[:, clock]
-    apart = np.diff(times)
-    late = np.flatnonzero(apart < 0 if jumps else apart <= 0)
+    increments = np.diff(times)
+    late = np.flatnonzero(increments < 0 if jumps else increments <= 0)
     if len(late):
         number, row = rows[late[0] + 2]
         raise InputError(

@@ -13,13 +13,12 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings, StartValues
-from flexbeams.scenarios.definition.signals import require_sampled
+from flexbeams.scenarios.definition.signals import TIME_TOLERANCE, require_sampled
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.simulation.recording import Recording
 
 MAX_RECORDING_BYTES = 2**30  # of recorded values; writing result files takes a multiple of it
-TIME_TOLERANCE = 1e-9  # s, within which a time counts as reached
 
 
 def whole_steps(scenario: Scenario, step: float, settings: Settings, source: str) -> int:
