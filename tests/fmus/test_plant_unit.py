@@ -20,8 +20,8 @@ MAY_VANISH = ("tip_mass", "viscous_damping", "structural_damping")
 class Motion:
     """The model's motion in the coordinates (q, q'), for inputs held over each step; at rest under u at first."""
 
-    def __init__(self, model: BeamModel, u: Real | float = 0.0) -> None:
-        system = model.assemble()
+    def __init__(self, model: BeamModel, u: Real | float = 0.0, parameters: dict[str, float] | None = None) -> None:
+        system = model.assemble(parameters)
         self.M, self.K, self.n, self.model = system.M, system.K, model.size, model
         mass = cho_factor(system.M, lower=True)
         below = -cho_solve(mass, np.hstack([system.K, system.D]))
