@@ -79,6 +79,7 @@ def test_a_state_with_other_coordinates_continues_from_the_energy_coordinates() 
     """As another machine may have found them: turned, or in another order."""
     with loaded(native_folder("BeamPlant")) as one, loaded(native_folder("BeamPlant")) as other:
         one.begin().advance(0.01, u=300.0)
+        other.begin()
         saved = one.saved()
         slots, states = 64, 60
         end = len(saved)
@@ -89,7 +90,7 @@ def test_a_state_with_other_coordinates_continues_from_the_energy_coordinates() 
             content[place : end - 8 * states] = changed.tobytes()
             content[12:16] = struct.pack("<I", zlib.crc32(bytes(content[16:])))
             one.restore(saved)
-            other.begin().restore(bytes(content))
+            other.restore(bytes(content))
             for _ in range(5):
                 expected = one.advance(1e-3).everything()
                 found = other.advance(1e-3).everything()
