@@ -18,9 +18,9 @@ TOUR = (  # order of the shipped scenarios in a list; others follow by name
     "retarget",
     "high_fidelity",
     "high_fidelity_exact_statics",
+    "mismatch",
     "offset_free",
     "offset_free_high_fidelity",
-    "mismatch",
     "single_beam",
     "five_beams",
 )
