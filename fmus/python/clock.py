@@ -56,7 +56,7 @@ class Clock:
             return f"communicationStepSize must be > {resolution!r}, {known}, got {step!r}"
         if not abs(time - last) <= 1e-6 * step + resolution:
             return f"currentCommunicationPoint must be {last!r}, the end of the last step, got {time!r}"
-        if start + self.elapsed + step > stop + 1e-3 * step + resolution:
+        if min(start + self.elapsed, last) + step > stop + 1e-3 * step + resolution:
             return f"communicationStepSize must end by stopTime {stop!r}, got {step!r} from {time!r} on"
         return None
 

@@ -219,3 +219,19 @@ def test_ticks_and_outputs_do_not_depend_on_the_pieces_of_a_step(units: BuiltUni
                 pieces.step(1.7e9 + (k + j / 4) * H, H / 4)
         np.testing.assert_array_equal(outputs(pieces), outputs(whole))
     assert design_of().options.sample_time == H
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("drift", [-1.5e-10, 1.5e-10])
+def test_a_host_that_has_drifted_reaches_the_stop_time(units: BuiltUnits, unit: str, drift: float) -> None:
+    """By its own clock, 0.6 us off after 4000 steps: it adds a short step, or shortens the last one."""
+    stop = 4000 * H
+    with loaded(units(unit)) as one:
+        one.call("setupExperiment", None, 0.0, stop)
+        one.call("enterInitializationMode")
+        one.call("exitInitializationMode")
+        time = 0.0
+        while stop - time > 1e-12:
+            step = min(H, stop - time)
+            one.step(time, step)
+            time += step + (drift if time < stop - 3 * H else 0.0)

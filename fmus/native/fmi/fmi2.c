@@ -238,7 +238,7 @@ static bool check_step(Instance *instance, double time, double step)
                clock->time, step);
     else if (!(fabs(time - clock->time) <= 1e-6 * step + resolution))
         refuse(instance, "currentCommunicationPoint must be %r, the end of the last step, got %r", clock->time, time);
-    else if (clock->start + instance->unit.elapsed + step > clock->stop + 1e-3 * step + resolution)
+    else if (fmin(clock->start + instance->unit.elapsed, clock->time) + step > clock->stop + 1e-3 * step + resolution)
         refuse(instance, "communicationStepSize must end by stopTime %r, got %r from %r on", clock->stop, step, time);
     else
         return true;
