@@ -61,7 +61,7 @@ def _scenario_inputs(scenario: Scenario, variables: Variables) -> Iterator[Drive
 
 
 def _open_inputs(variables: Variables, driven: Collection[str]) -> Iterator[DrivenInputs]:
-    """Whole arrays together, elements of others one by one."""
+    """Complete arrays together, elements of incomplete arrays one by one."""
     for owner, table in variables.items():
         open_names = [
             n for n, v in table.items() if v.causality == "input" and v.type == "Real" and f"{owner}.{n}" not in driven
