@@ -111,7 +111,7 @@ def test_the_example_on_other_machines(target: str, emulator: str, tmp_path: Pat
 @needs("qemu-arm", "readelf")
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_sizes_on_arm(unit: str, tmp_path: Path) -> None:
-    """Code, tables, heap and stack of the page's table, to 10 %."""
+    """Code, tables, heap and stack of the page's table, to 10 %; the stack's depth also varies by alignment, up to 64 bytes."""
     row = next(line for line in PAGE.splitlines() if line.startswith(f"| `{unit}`") and line.count("|") == 6)
     code, tables, heap, stack = (int(cell.replace(",", "")) for cell in row.split("|")[2:6])
     compiler = [*ZIG, "-target", ARM, "-std=c99", "-O2", "-ffp-contract=off", *INCLUDES]
@@ -125,7 +125,7 @@ def test_sizes_on_arm(unit: str, tmp_path: Path) -> None:
     assert code == pytest.approx(sections[".text"], rel=0.1)
     assert tables == pytest.approx(sections[".rodata"], rel=0.1)
     assert heap == pytest.approx(used["heap"], rel=0.1)
-    assert stack == pytest.approx(used["stack"], rel=0.1)
+    assert stack == pytest.approx(used["stack"], rel=0.1, abs=64)
     assert used["stack_of_log"] < 2500
 
 
