@@ -111,7 +111,7 @@ def test_the_example_on_other_machines(target: str, emulator: str, tmp_path: Pat
 @needs("qemu-arm", "readelf")
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_sizes_on_arm(unit: str, tmp_path: Path) -> None:
-    """Code, tables, heap and stack of the page's table, to 10 %; the stack's depth also varies by alignment, up to 64 bytes."""
+    """Code, tables, heap and stack of the page's table, to 10 %; alignment moves the stack by up to 64 bytes."""
     row = next(line for line in PAGE.splitlines() if line.startswith(f"| `{unit}`") and line.count("|") == 6)
     code, tables, heap, stack = (int(cell.replace(",", "")) for cell in row.split("|")[2:6])
     compiler = [*ZIG, "-target", ARM, "-std=c99", "-O2", "-ffp-contract=off", *INCLUDES]
