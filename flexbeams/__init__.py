@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from flexbeams.scenarios.api.comparisons import compare
     from flexbeams.scenarios.api.designs import design, structure
     from flexbeams.scenarios.api.exports import export
+    from flexbeams.scenarios.api.identifications import identify
     from flexbeams.scenarios.api.runs import run
     from flexbeams.scenarios.api.units import build
 
     __version__: str
 
-__all__ = ["FlexbeamsError", "__version__", "build", "compare", "design", "export", "run", "structure"]
+__all__ = ["FlexbeamsError", "__version__", "build", "compare", "design", "export", "identify", "run", "structure"]
 
 _MODULES = {
     "FlexbeamsError": "flexbeams.plant.errors",
@@ -25,6 +26,7 @@ _MODULES = {
     "compare": "flexbeams.scenarios.api.comparisons",
     "design": "flexbeams.scenarios.api.designs",
     "export": "flexbeams.scenarios.api.exports",
+    "identify": "flexbeams.scenarios.api.identifications",
     "run": "flexbeams.scenarios.api.runs",
     "structure": "flexbeams.scenarios.api.designs",
 }

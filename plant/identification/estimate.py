@@ -6,6 +6,7 @@ mode has none within reach of a start that is some ten percent off; each longer 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,6 +29,7 @@ FEWEST_ROWS = 10  # that count in a horizon
 FEW = 15  # evaluations of a short horizon
 SHORT, ROUGH, FINE = (1e-2, 1e-3), (1e-3, 1e-4), (1e-5, 1e-8)  # change of unknowns and of cost that ends a stage
 FINISH = 5  # evaluations over all rows: one Gauss-Newton step from the thinned rows' estimate is efficient already
+Loss = Literal["soft_l1", "linear"]
 ROBUST_SCALE = 3.0  # standard deviations beyond which a residual counts less (soft_l1)
 
 
@@ -35,7 +37,7 @@ ROBUST_SCALE = 3.0  # standard deviations beyond which a residual counts less (s
 class Settings:
     """How the search runs."""
 
-    loss: str = "soft_l1"  # of scipy.optimize.least_squares
+    loss: Loss = "soft_l1"  # of scipy.optimize.least_squares
     weights: Array | None = None  # (n_all,), multiplies the weight of each sensor; None: see Search
     delays: Array | None = None  # (n_all,), s
     fit_delays: bool = False
@@ -64,7 +66,8 @@ class Search:
     """The stages of one estimate.
 
     Without weights of the user's, strain gauges count CAUTIOUS_WEIGHT until their residuals look like noise: a basis
-    may be far off in the statics of the strains, and would trade deflections for them.
+    may be far off in the statics of the strains, and would trade deflections for them. `notify` receives the name of
+    each stage, `progress` the evaluations of its search: done, and at most.
     """
 
     def __init__(
@@ -73,8 +76,10 @@ class Search:
         experiments: Sequence[Experiment],
         settings: Settings,
         notify: Callable[[str], None] = lambda text: None,
+        progress: Callable[[int, int], None] = lambda done, most: None,
     ) -> None:
-        self.model, self.experiments, self.settings, self.notify = model, list(experiments), settings, notify
+        self.model, self.experiments, self.settings = model, list(experiments), settings
+        self.notify, self.progress = notify, progress
         self.evaluations = 0
         points, gauges = len(model.deflection), len(model.strain)
         self.sensor_count = points + gauges
@@ -203,10 +208,12 @@ class Search:
     ) -> Array:
         unknowns, best = residuals.unknowns, _Best()
         edge = 1e-9
+        before = self.evaluations
         x = np.clip(x, unknowns.lower + edge, unknowns.upper - edge)
 
         def values(x: Array) -> Array:
             self.evaluations += 1
+            self.progress(self.evaluations - before, evaluations)
             try:
                 r = residuals.residuals(x)
             except DesignError:

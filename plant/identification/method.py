@@ -58,6 +58,7 @@ def identify(
     order: int | None = None,
     settings: Settings | None = None,
     notify: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int, int], None] = lambda done, most: None,
 ) -> Identification:
     """The parameters of `space` from the experiments that are not held back.
 
@@ -68,7 +69,7 @@ def identify(
     settings = settings or Settings()
     model = beam_model(structure, basis, order)
     used = [e for e in experiments if not e.held_back]
-    search = Search(model, used, settings, notify)
+    search = Search(model, used, settings, notify, progress)
     rough = search.residuals_of(used, space, search.rough_deviations(), rough=True)
     require_scale(structure, rough, np.zeros(rough.unknowns.size))
     start, estimate = _coarse(search, space)

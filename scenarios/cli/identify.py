@@ -1,14 +1,11 @@
 """The verb `flexbeams identify`: parameters and static gains from measured data."""
 
 import json
-import math
-import re
 from pathlib import Path
 from typing import Any
 
 import click
 
-from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.options import BASIS, note, structure_option
 
 FILES = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -79,18 +76,25 @@ def parameters(
 
     Undetermined parameters keep their start and are marked so. Interrupted, it keeps the best fit so far.
     """
-    from flexbeams.plant.identification.writing import write_identified
-    from flexbeams.plant.structure import find_structure
+    from flexbeams.scenarios.api.identifications import identify as run_identification
+    from flexbeams.scenarios.cli.identify_options import call_options
+    from flexbeams.scenarios.cli.identify_progress import StageDisplay
     from flexbeams.scenarios.cli.identify_tables import as_table, show_identification
-    from flexbeams.scenarios.report.identification import write_identification
 
-    start = find_structure(structure or "kiel")
-    result = _identified(start, files, options)
+    page = report or (out and out.parent / "identify.html")
+    with StageDisplay() as display:
+        result = run_identification(
+            *files,
+            structure=structure or "kiel",
+            out=out,
+            report=page,
+            notify=display.stage,
+            progress=display.evaluation,
+            **call_options(options),
+        )
     if out is not None:
-        write_identified(start, result, out)
         note(f"structure written to {out}")
-    if page := report or (out and out.parent / "identify.html"):
-        write_identification(result, page)
+    if page is not None:
         note(f"page written to {page}")
     if as_json:
         click.echo(json.dumps(as_table(result), indent=2))
@@ -119,138 +123,15 @@ def static(
     from flexbeams.plant.identification.static import static_maps_of
     from flexbeams.plant.static_maps import write_static_maps
     from flexbeams.plant.structure import find_structure, read_structure
+    from flexbeams.scenarios.api.identifications import reading_of
+    from flexbeams.scenarios.cli.identify_options import columns_of, window_of
 
     beams = read_structure(find_structure(structure or "kiel"))
-    experiments = [read_experiment(path, beams, _reading(mapping, window)) for path in files]
+    reading = reading_of(columns_of(mapping), window_of(window))
+    experiments = [read_experiment(path, beams, reading) for path in files]
     maps = static_maps_of(
         experiments, pairs=len(beams.patch), points=len(beams.point_of_interest), gauges=len(beams.strain_gauge)
     )
     write_static_maps(maps, out, "Measured static gains with half widths of 95 % intervals")
     click.echo(out)
     return 0
-
-
-def _identified(start: Path, files: tuple[Path, ...], options: dict[str, Any]) -> Any:
-    """The identification that the options of `parameters` ask for."""
-    from flexbeams.plant.identification.estimate import Settings
-    from flexbeams.plant.identification.method import identify as run_identification
-    from flexbeams.plant.identification.plausibility import require_plausible
-    from flexbeams.plant.identification.reading import read_experiment
-    from flexbeams.plant.structure import read_structure
-
-    structure = read_structure(start)
-    reading = _reading(options["mapping"], options["window"])
-    every = dict.fromkeys([*files, *options["hold_back"], *options["uncoupled"], *options["free_start"]])
-    experiments = [
-        read_experiment(
-            path,
-            structure,
-            reading,
-            start="free" if path in options["free_start"] else "rest",
-            uncoupled=path in options["uncoupled"],
-            held_back=path in options["hold_back"],
-        )
-        for path in every
-    ]
-    if all(experiment.held_back for experiment in experiments):
-        raise InputError("--hold-back", "must leave at least one file to fit")
-    space = _space(structure, options)
-    require_plausible(structure, experiments, space.names)
-    settings = Settings(
-        loss=options["loss"],
-        weights=_of_sensors(structure, options["weight"], "--weight", 1.0) if options["weight"] else None,
-        delays=_of_sensors(structure, options["delay"], "--delay", 0.0),
-        fit_delays=options["fit_delays"],
-        fit_offsets=options["fit_offsets"],
-    )
-    return run_identification(
-        structure,
-        experiments,
-        space,
-        basis=options["basis"],
-        order=options["order"],
-        settings=settings,
-        notify=lambda stage: note(f"fitting {stage}"),
-    )
-
-
-def _space(structure: Any, options: dict[str, Any]) -> Any:
-    from flexbeams.plant.identification.space import parameter_space, select
-
-    values = structure.parameters()
-    known: dict[str, float] = {}
-    for text in options["known"]:
-        name, value = _assignment(text, "--known")
-        known |= dict.fromkeys(select(structure, name, "--known"), _number(value, text, "--known"))
-    for pattern in options["fix"]:
-        known |= {name: values[name] for name in select(structure, pattern, "--fix")}
-    free = [name for pattern in options["free"] for name in select(structure, pattern, "--free")]
-    priors: dict[str, float] = {}
-    for text in options["prior"]:
-        name, value = _assignment(text, "--prior")
-        share = _number(value.rstrip("%"), text, "--prior") / 100
-        if share <= 0:
-            raise InputError("--prior", "must be > 0 percent", text)
-        priors |= dict.fromkeys(select(structure, name, "--prior"), share)
-    bounds: dict[str, tuple[float, float]] = {}
-    for text in options["bounds"]:
-        name, value = _assignment(text, "--bounds")
-        low, _, high = value.partition(":")
-        limits = (_number(low, text, "--bounds"), _number(high, text, "--bounds"))
-        bounds |= dict.fromkeys(select(structure, name, "--bounds"), limits)
-    checked = structure.with_parameters(known)
-    return parameter_space(checked, free=free or None, known=known, bounds=bounds, priors=priors)
-
-
-def _of_sensors(structure: Any, texts: tuple[str, ...], option: str, default: float) -> Any:
-    """A value for each sensor; y_pm[] stands for all gauges."""
-    import numpy as np
-
-    from flexbeams.plant.errors import suggestion
-    from flexbeams.plant.identification.experiment import sensor_names
-
-    names = sensor_names(structure)
-    values = np.full(len(names), default)
-    for text in texts:
-        name, value = _assignment(text, option)
-        chosen = [k for k, sensor in enumerate(names) if sensor == name or re.sub(r"\d+", "", sensor) == name]
-        if not chosen:
-            raise InputError(option, f"{name} is not a sensor" + suggestion(name, names))
-        number = _number(value, text, option)
-        if number < 0 or (number == 0 and default == 1.0):
-            raise InputError(option, "must be > 0" if default == 1.0 else "must be >= 0", text)
-        values[chosen] = number
-    return values
-
-
-def _reading(mapping: tuple[str, ...], window: str | None) -> Any:
-    from flexbeams.plant.identification.reading import Column, Reading
-
-    columns = {}
-    for text in mapping:
-        signal, column = _assignment(text, "--map")
-        name, star, factor = column.rpartition("*")
-        columns[signal] = Column(name=name, factor=_number(factor, text, "--map")) if star else Column(name=column)
-    begin, _, end = (window or ":").partition(":")
-    return Reading(
-        columns=columns,
-        begin=_number(begin, window or "", "--window") if begin else None,
-        end=_number(end, window or "", "--window") if end else None,
-    )
-
-
-def _assignment(text: str, option: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip() or not value.strip():
-        raise InputError(option, "must read NAME=VALUE", text)
-    return name.strip(), value.strip()
-
-
-def _number(text: str, whole: str, option: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(option, "must have a finite number", whole)
-    return value

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flexbeams as fb
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.identification.experiment import sensor_names
 from flexbeams.plant.statespace import static_gains
@@ -142,3 +143,26 @@ def test_help_names_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     assert "parameters" in text
     assert "static" in text
+
+
+def test_the_function_gives_what_the_command_gives(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files, stages, evaluations = [rig / "step1.csv", rig / "step2.csv"], [], []
+    result = fb.identify(
+        *files,
+        structure=rig / "start.toml",
+        fixed=["*.density", "patch[].structural_damping"],
+        weights={"y_pm[]": 0.5},
+        window=(None, 4.0),
+        out=rig / "by_function.toml",
+        notify=stages.append,
+        progress=lambda done, most: evaluations.append((done, most)),
+    )
+    options = ["--fix", "*.density", "--fix", "patch[].structural_damping", "--weight", "y_pm[]=0.5", "--window", ":4"]
+    assert run("identify", *files, "--structure", rig / "start.toml", *options, "--out", rig / "by_verb.toml") == 0
+    assert (rig / "by_verb.toml").read_bytes() == (rig / "by_function.toml").read_bytes()
+    assert f"fitting {stages[-1]}" in capsys.readouterr().err
+    assert stages[-1] == "all rows"
+    assert all(0 < done <= most for done, most in evaluations)
+    assert sum(done == 1 for done, _ in evaluations) >= len(stages)
+    written = fb.structure(rig / "by_function.toml").parameters()
+    assert written == pytest.approx(result.structure.parameters(), rel=1e-8)

@@ -1,0 +1,200 @@
+"""Identification of physical parameters from measured data."""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from flexbeams.plant.basis import Array
+from flexbeams.plant.choices import BasisName
+from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.identification.estimate import Loss, Settings
+from flexbeams.plant.identification.experiment import Experiment, sensor_names
+from flexbeams.plant.identification.method import Identification
+from flexbeams.plant.identification.method import identify as identified
+from flexbeams.plant.identification.plausibility import require_plausible
+from flexbeams.plant.identification.reading import Column, Reading, read_experiment
+from flexbeams.plant.identification.space import ParameterSpace, parameter_space, select
+from flexbeams.plant.identification.writing import write_identified
+from flexbeams.plant.structure import Structure, find_structure, read_structure
+from flexbeams.scenarios.report.identification import write_identification
+from flexbeams.scenarios.runs.observer import ignore_note
+
+File = str | Path
+
+
+def identify(
+    *files: File,
+    structure: File = "kiel",
+    known: Mapping[str, float] | None = None,
+    fixed: Iterable[str] = (),
+    free: Iterable[str] = (),
+    priors: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    weights: Mapping[str, float] | None = None,
+    delays: Mapping[str, float] | None = None,
+    fit_delays: bool = False,
+    fit_offsets: bool = False,
+    columns: Mapping[str, str | tuple[str, float]] | None = None,
+    window: tuple[float | None, float | None] = (None, None),
+    hold_back: Iterable[File] = (),
+    uncoupled: Iterable[File] = (),
+    free_start: Iterable[File] = (),
+    basis: BasisName = "clamped_free",
+    order: int | None = None,
+    loss: Loss = "soft_l1",
+    out: File | None = None,
+    report: File | None = None,
+    notify: Callable[[str], None] = ignore_note,
+    progress: Callable[[int, int], None] = lambda done, most: None,
+) -> Identification:
+    """Fits the physical parameters of a structure to measured data and says what the data leave open.
+
+    Nothing is random: equal data give equal parameters. Interrupted by Ctrl-C, it returns the best fit so far.
+
+    Parameters
+    ----------
+    files
+        CSV files with the columns time, u[k], y_pi[k], y_pm[k], force[j] of `results.csv`; sensors may be missing.
+    structure
+        The start: a shipped name or a structure file.
+    known
+        Values in SI of parameters that are known; one mass, at least, since voltages and deflections do not show the
+        common scale of mass, stiffness and piezo ratio. Names may be patterns: `patch[].density` is that of all pairs.
+    fixed, free
+        Parameters that keep the start's value; parameters to identify (default all).
+    priors
+        Relative standard deviations of start values: 0.05 is 5 %.
+    bounds
+        Lower and upper limits, SI.
+    weights, delays
+        Relative weights of sensors, and their known delays in s, by name: `y_pm[2]`, or `y_pm[]` for all gauges.
+    fit_delays, fit_offsets
+        Whether a delay of each sensor, and an offset of each sensor and file, is fitted as well.
+    columns
+        Column of a signal, or column and factor to SI: {"y_pi[1]": ("laser 1 [mm]", 1e-3)}.
+    window
+        Begin and end of the times that count, s, in the files' own time.
+    hold_back, uncoupled, free_start
+        Files for validation only, files recorded with the springs taken off, files that do not start at rest.
+    basis, order
+        Galerkin basis of the model, and its modes a beam or polynomial degree.
+    loss
+        `soft_l1`, which limits the influence of outliers, or `linear`.
+    out, report
+        Structure file and page to write.
+    notify, progress
+        Receive each stage in one line, and the evaluations of a stage: done, at most.
+
+    Raises
+    ------
+    InputError
+        Where a file, an option or the data break a rule, and where the common scale stays open.
+
+    Examples
+    --------
+    >>> import flexbeams as fb
+    >>> result = fb.identify("a.csv", "b.csv", structure="start.toml", known={"beam[1].tip_mass": 0.0202})
+    >>> result.structure.beam[0].youngs_modulus, result.fitted[0].deviation
+    """
+    start = find_structure(str(structure))
+    beams = read_structure(start)
+    experiments = _experiments(beams, reading_of(columns or {}, window), files, hold_back, uncoupled, free_start)
+    space = _space(beams, known or {}, fixed, free, priors or {}, bounds or {})
+    require_plausible(beams, experiments, space.names)
+    settings = Settings(
+        loss=loss,
+        weights=_of_sensors(beams, weights, "--weight", 1.0) if weights else None,
+        delays=_of_sensors(beams, delays or {}, "--delay", 0.0),
+        fit_delays=fit_delays,
+        fit_offsets=fit_offsets,
+    )
+    result = identified(
+        beams, experiments, space, basis=basis, order=order, settings=settings, notify=notify, progress=progress
+    )
+    if out is not None:
+        write_identified(start, result, Path(out))
+    if report is not None:
+        write_identification(result, Path(report))
+    return result
+
+
+def _experiments(
+    structure: Structure,
+    reading: Reading,
+    files: Sequence[File],
+    hold_back: Iterable[File],
+    uncoupled: Iterable[File],
+    free_start: Iterable[File],
+) -> list[Experiment]:
+    """The experiments of all files; a file may be named twice."""
+    held, loose, freely = (set(map(Path, chosen)) for chosen in (hold_back, uncoupled, free_start))
+    every = dict.fromkeys([*map(Path, files), *sorted(held), *sorted(loose), *sorted(freely)])
+    experiments = [
+        read_experiment(
+            path,
+            structure,
+            reading,
+            start="free" if path in freely else "rest",
+            uncoupled=path in loose,
+            held_back=path in held,
+        )
+        for path in every
+    ]
+    if all(experiment.held_back for experiment in experiments):
+        raise InputError("--hold-back", "must leave at least one file to fit")
+    return experiments
+
+
+def _space(
+    structure: Structure,
+    known: Mapping[str, float],
+    fixed: Iterable[str],
+    free: Iterable[str],
+    priors: Mapping[str, float],
+    bounds: Mapping[str, tuple[float, float]],
+) -> ParameterSpace:
+    """The free parameters; names may be patterns."""
+    values = structure.parameters()
+    settled: dict[str, float] = {}
+    for pattern, value in known.items():
+        settled |= dict.fromkeys(select(structure, pattern, "--known"), value)
+    for pattern in fixed:
+        settled |= {name: values[name] for name in select(structure, pattern, "--fix")}
+    deviations: dict[str, float] = {}
+    for pattern, share in priors.items():
+        if not share > 0:
+            raise InputError("--prior", "must be > 0 percent", f"{pattern}={100 * share:g}")
+        deviations |= dict.fromkeys(select(structure, pattern, "--prior"), share)
+    limits: dict[str, tuple[float, float]] = {}
+    for pattern, pair in bounds.items():
+        limits |= dict.fromkeys(select(structure, pattern, "--bounds"), pair)
+    chosen = [name for pattern in free for name in select(structure, pattern, "--free")]
+    checked = structure.with_parameters(settled)
+    return parameter_space(checked, free=chosen or None, known=settled, bounds=limits, priors=deviations)
+
+
+def _of_sensors(structure: Structure, given: Mapping[str, float], option: str, default: float) -> Array:
+    """A value for each sensor; y_pm[] stands for all gauges."""
+    names = sensor_names(structure)
+    values = np.full(len(names), default)
+    for name, number in given.items():
+        chosen = [k for k, sensor in enumerate(names) if sensor == name or re.sub(r"\d+", "", sensor) == name]
+        if not chosen:
+            raise InputError(option, f"{name} is not a sensor" + suggestion(name, names))
+        if number < 0 or (number == 0 and default == 1.0):
+            raise InputError(option, "must be > 0" if default == 1.0 else "must be >= 0", f"{name}={number:g}")
+        values[chosen] = number
+    return values
+
+
+def reading_of(
+    columns: Mapping[str, str | tuple[str, float]], window: tuple[float | None, float | None] = (None, None)
+) -> Reading:
+    """How files are read: the column of a signal, or column and factor to SI, and the times that count, s."""
+    named = {}
+    for signal, column in columns.items():
+        name, factor = (column, 1.0) if isinstance(column, str) else column
+        named[signal] = Column(name=name, factor=factor)
+    return Reading(columns=named, begin=window[0], end=window[1])
