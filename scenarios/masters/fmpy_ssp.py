@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from flexbeams.scenarios.masters.fmpy_library import FOLDER_WITHOUT_CPU, library_for_this_cpu
 from flexbeams.scenarios.masters.tasks import private_folder
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
@@ -29,6 +30,7 @@ FAULTS = (
         description="Parameter sets, stop time and step of the package are ignored.",
         remedy="Start values are built into the units; stop time and step are passed.",
     ),
+    FOLDER_WITHOUT_CPU,
 )
 
 
@@ -37,7 +39,7 @@ def simulate(task: Task) -> Trace:
     from fmpy.ssp.simulation import simulate_ssp
 
     begin = time.perf_counter()
-    with private_folder():
+    with private_folder(), library_for_this_cpu():
         table = simulate_ssp(str(task.file), stop_time=(task.steps - 0.5) * task.step, step_size=task.step)
     return _corrected(table, task, time.perf_counter() - begin)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.importing.package import Package
+from flexbeams.scenarios.masters.fmpy_library import FOLDER_WITHOUT_CPU, library_for_this_cpu
 from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, connections_by_pair, unpacked
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
@@ -24,6 +25,7 @@ FAULTS = (
         remedy="Times are shifted by one step.",
     ),
     FOLDERS_LEFT,
+    FOLDER_WITHOUT_CPU,
     Fault(
         name="late release",
         description="Units are freed by the garbage collector only.",
@@ -37,7 +39,7 @@ def simulate(task: Task) -> Trace:
     import pathsim_fmi  # noqa: F401  (not part of the loading)
 
     begin = time.perf_counter()
-    with unpacked(task.file) as package:
+    with unpacked(task.file) as package, library_for_this_cpu():
         simulation, scopes = _assembled(package, task)
         loaded = time.perf_counter()
         simulation.run((task.steps - 1) * task.step)

@@ -4,6 +4,7 @@ import logging
 import time
 from typing import Any
 
+from flexbeams.scenarios.masters.fmpy_library import FOLDER_WITHOUT_CPU, library_for_this_cpu
 from flexbeams.scenarios.masters.tasks import FOLDERS_LEFT, NO_SSP, connections_by_pair, unpacked
 from flexbeams.scenarios.masters.trace import Fault, Master, Task, Trace, step_times
 
@@ -20,6 +21,7 @@ FAULTS = (
         remedy="The stop time passed is half a step later.",
     ),
     FOLDERS_LEFT,
+    FOLDER_WITHOUT_CPU,
     Fault(
         name="root logger",
         description="It replaces the handlers and the level of the root logger.",
@@ -34,7 +36,7 @@ def simulate(task: Task) -> Trace:
 
     begin, root = time.perf_counter(), logging.getLogger()
     handlers, level = root.handlers[:], root.level
-    with unpacked(task.file) as package:
+    with unpacked(task.file) as package, library_for_this_cpu():
         connections: dict[str, list[Any]] = {}
         for (start, end), wires in connections_by_pair(package).items():
             connections.setdefault(end, []).extend(

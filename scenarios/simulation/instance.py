@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.declaration import TYPE_ORDER
+from flexbeams.scenarios.importing.library import library_file
 from flexbeams.scenarios.simulation.failure import UnitFailure
 
 _WARNING = 1
@@ -63,12 +64,14 @@ class UnitInstance:
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
         self.time = 0.0
+        identifier = description.coSimulation.modelIdentifier
         try:
             self._fmu = FMU2Slave(
                 guid=description.guid,
                 unzipDirectory=str(folder),
                 instanceName=name,
-                modelIdentifier=description.coSimulation.modelIdentifier,
+                modelIdentifier=identifier,
+                libraryPath=str(library_file(folder, identifier)),
             )
         except Exception as error:  # FMPy and the loader raise various errors
             raise UnitFailure(name, 0.0, "loading its library", str(error)) from None
