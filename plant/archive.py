@@ -2,9 +2,11 @@
 
 import io
 import os
+import re
 import time
 import zipfile
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext, suppress
 from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.locks import Lock
 
 _EARLIEST = 315532800  # s since 1970: 1980-01-01, the first date of the zip format
 
@@ -42,16 +45,48 @@ def write_whole(path: Path, content: bytes) -> None:
     """
     if exists(path) and not isfile(path):
         raise InputError("", "must be a regular file or a new path", source=str(path))
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _sweep_drafts(path)
         try:
-            temporary.write_bytes(content)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+            _replace(path, content)
+        except FileNotFoundError:  # another writer of the same file swept the draft before it was locked
+            _replace(path, content)
     except OSError as error:
         raise InputError("", f"cannot be written: {error.strerror or error}", source=str(path)) from None
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Writes a draft, locked so that it counts as in use, and gives it the file's name."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        draft.touch()
+        with _lock(draft):
+            draft.write_bytes(content)
+            draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _sweep_drafts(path: Path) -> None:
+    """Removes drafts of a file that killed processes left; on Windows, those in use cannot be removed."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.[0-9]+\.tmp")
+    with os.scandir(path.parent) as entries:
+        drafts = [Path(e.path) for e in entries if name.fullmatch(e.name) and e.is_file(follow_symlinks=False)]
+    for draft in drafts:
+        with suppress(OSError), _lock(draft) as lock:
+            if lock is None or lock.held:
+                draft.unlink()
+
+
+def _lock(draft: Path) -> AbstractContextManager[Lock | None]:
+    """The draft's lock; none on Windows, where a locked file cannot be renamed, and on file systems without locks."""
+    if os.name != "posix":
+        return nullcontext()
+    try:
+        return Lock(draft)
+    except OSError:
+        return nullcontext()
 
 
 def remove_file(path: Path) -> None:

@@ -19,7 +19,7 @@ MOST_WORKERS = 8
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    session_folder()  # worker processes inherit it
+    os.environ["FLEXBEAMS_CACHE"] = str(session_folder() / "build/fmus")  # worker processes inherit both
     if config.getoption("numprocesses", None):
         for library in ("OPENBLAS", "OMP", "MKL"):  # one thread for each worker
             os.environ.setdefault(f"{library}_NUM_THREADS", "1")

@@ -2,11 +2,13 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.choices import Backend
+from flexbeams.fmus.packaging.cache import is_sound, prepare_folder, record, toolchain_key
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
 from flexbeams.fmus.packaging.python import PythonUnit, build_python_units, bundled_script, data_file
 from flexbeams.fmus.packaging.single_file import single_file
@@ -58,11 +60,19 @@ def native_unit(
 
 def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:
     """Where the units of a design and a plant basis are kept between runs: a folder named by all they depend on."""
-    digest = hashlib.sha256(f"{design.design_id} {model.basis} {model.order} {compiler}".encode())
+    key = f"{design.design_id} {model.basis} {model.order} {toolchain_key(compiler)} {_sources_digest()}"
+    digest = hashlib.sha256(key.encode()).hexdigest()
+    return root / f"{design.design_id[:8]}-{model.basis}-{model.order}-{digest[:16]}"
+
+
+@cache
+def _sources_digest() -> str:
+    """Hash of the sources that units are made of, and of the tool that packs those with the Python kernel."""
+    digest = hashlib.sha256(version("pythonfmu").encode())
     for package in ("plant", "controller", "fmus"):
         for path in sorted(p for p in (_ROOT / package).rglob("*") if p.suffix in (".py", ".c", ".h")):
             digest.update(path.read_bytes())
-    return root / f"{design.design_id[:8]}-{model.basis}-{model.order}-{digest.hexdigest()[:8]}"
+    return digest.hexdigest()
 
 
 def ensure_units(
@@ -74,7 +84,10 @@ def ensure_units(
     backend: Backend = "native",
     compiler: str = "zig",
 ) -> dict[str, Path]:
-    """The file of each instance, given its kind and model; units that are missing or stale are built first."""
+    """The file of each instance, given its kind and model, in the cache `root`.
+
+    Units that are missing, stale or damaged are built first. Raises InputError for a cache that cannot be trusted.
+    """
     files: dict[str, Path] = {}
     missing: dict[Path, tuple[BeamModel, dict[str, UnitKind]]] = {}
     for instance, (kind, model) in wanted.items():
@@ -82,12 +95,14 @@ def ensure_units(
         if kind not in CATALOGUE:
             folder /= _own_digest(kind, design, model)
         files[instance] = folder / backend / f"{kind.name}.fmu"
-        if not files[instance].is_file():
+        if not is_sound(files[instance], root):
             missing.setdefault(folder, (model, {}))[1][kind.name] = kind
     for folder, (model, kinds) in missing.items():
         listed = sorted(kinds.values(), key=lambda kind: CATALOGUE.index(kind) if kind in CATALOGUE else len(CATALOGUE))
         notify(f"building {', '.join(kind.name for kind in listed)}")
-        build_units(listed, design, model, folder, backend=backend, compiler=compiler)
+        prepare_folder(folder / backend, root)
+        for file in build_units(listed, design, model, folder, backend=backend, compiler=compiler):
+            record(file)
     return files
 
 

@@ -1,5 +1,6 @@
 """C compilers: the ziglang wheel, which builds for every platform, or the system's, which builds for this machine."""
 
+import importlib.metadata
 import importlib.util
 import platform
 import shutil
@@ -63,11 +64,16 @@ def chosen_platforms(names: Sequence[str]) -> list[Platform]:
     return [PLATFORMS[name] for name in sorted(chosen)]
 
 
-def host_platform() -> Platform:
-    """The platform of this machine; BuildError where units are not built for it."""
+def host_name() -> str:
+    """Name of this machine's platform, in the form of PLATFORMS."""
     machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
-    if (name := f"{machine}-{system}") not in PLATFORMS:
+    return f"{machine}-{system}"
+
+
+def host_platform() -> Platform:
+    """The platform of this machine; BuildError where units are not built for it."""
+    if (name := host_name()) not in PLATFORMS:
         raise BuildError(f"native units are not built for {name}; choose among {', '.join(PLATFORMS)}")
     return PLATFORMS[name]
 
@@ -138,3 +144,16 @@ def find_compiler(name: str = "zig") -> Compiler:
             "pip install ziglang and choose zig"
         )
     return Compiler(command=(path,), is_zig=False)
+
+
+def compiler_version(name: str) -> str:
+    """The version of a compiler; empty where it is missing."""
+    try:
+        if name == "zig":
+            return importlib.metadata.version("ziglang")
+        done = subprocess.run(
+            [shutil.which(name) or name, "--version"], capture_output=True, text=True, errors="replace"
+        )
+        return done.stdout.partition("\n")[0].strip()
+    except (OSError, importlib.metadata.PackageNotFoundError):
+        return ""

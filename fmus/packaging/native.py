@@ -3,7 +3,6 @@
 The mathematics in fmus/native does not depend on a design; a design changes one generated file, the tables.
 """
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -22,6 +21,7 @@ from flexbeams.fmus.packaging.single_file import single_file
 from flexbeams.fmus.units.kind import UnitKind, with_real_flags
 from flexbeams.fmus.units.native_kernel import NATIVE, UnitData
 from flexbeams.plant.archive import write_whole, zip_bytes
+from flexbeams.plant.temporary import temporary_folder
 
 HEADERS = NATIVE / "headers"  # of FMI 2.0
 _JOBS = 2  # compilations at once
@@ -71,13 +71,13 @@ def build_native_units(
     arguments give equal bytes. Raises BuildError where there is no compiler or it fails.
     """
     targets, tool = chosen_platforms(platforms), find_compiler(compiler)
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary, ThreadPoolExecutor(_JOBS) as pool:
+    with temporary_folder() as temporary, ThreadPoolExecutor(_JOBS) as pool:
         jobs = []
         for k, unit in enumerate(units):
             sources, description = unit_sources(unit, **attributes)
             binaries = {}
             for target in targets:
-                folder = Path(temporary) / f"{k}-{target.name}"
+                folder = temporary / f"{k}-{target.name}"
                 folder.mkdir()
                 binaries[target] = pool.submit(_compiled, unit, sources, folder, target, tool)
             jobs.append((unit, sources, description, binaries))

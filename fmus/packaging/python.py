@@ -13,7 +13,6 @@ import json
 import re
 import subprocess
 import sys
-import tempfile
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +27,7 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.fmus.units.native_kernel import UnitData
 from flexbeams.plant.archive import npz_bytes, write_whole, zip_bytes
+from flexbeams.plant.temporary import temporary_folder
 
 _ROOT = Path(__file__).parents[2]
 _PROJECT = "flexbeams"
@@ -68,8 +68,8 @@ def build_python_units(units: Sequence[PythonUnit], **attributes: str) -> list[P
     `attributes` (version, license) go into modelDescription.xml. Equal arguments give equal bytes. Raises
     BuildError where a kernel cannot be bundled or does not load.
     """
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
-        folders = [Path(temporary) / str(i) for i in range(len(units))]
+    with temporary_folder() as temporary:
+        folders = [temporary / str(i) for i in range(len(units))]
         jobs = []
         descriptions = []
         for unit, folder in zip(units, folders, strict=True):
@@ -78,7 +78,7 @@ def build_python_units(units: Sequence[PythonUnit], **attributes: str) -> list[P
             project_files = [str(folder / f"{name}_kernel.py"), str(folder / "data.npz")]
             jobs.append((str(folder / f"{name}.py"), project_files, str(folder / "unit.fmu")))
             descriptions.append(description)
-        _run_builder(jobs, temporary, ", ".join(unit.interface.unit_name for unit in units))
+        _run_builder(jobs, str(temporary), ", ".join(unit.interface.unit_name for unit in units))
         for unit, folder, description in zip(units, folders, descriptions, strict=True):
             write_whole(unit.out, _repacked(folder / "unit.fmu", description))
     return [unit.out for unit in units]

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.schema import Value
-from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.job import opened_experiment, run_experiment
 from flexbeams.scenarios.runs.observer import Observer, ignore_note
@@ -24,7 +25,7 @@ def run(
     backend: Backend = "native",
     compiler: str = "zig",
     decimate: int = 1,
-    build_folder: str | Path = BUILD_FOLDER,
+    build_folder: str | Path | None = None,
     kinds: Sequence[UnitKind] = (),
     notify: Callable[[str], None] = ignore_note,
 ) -> Run:
@@ -45,7 +46,8 @@ def run(
     basis, structure
         In place of the scenario's.
     backend, compiler, build_folder
-        Kernel of the units, C compiler of native ones, and the folder where built units are kept.
+        Kernel of the units, C compiler of native ones, and the folder where built units are kept: by default the
+        user's cache, or that of the environment variable FLEXBEAMS_CACHE.
     decimate
         Records every `decimate`-th step, and the last one.
     kinds
@@ -74,7 +76,7 @@ def run(
         step=step,
         overrides=dict(start or {}),
         decimate=decimate,
-        build_folder=Path(build_folder),
+        build_folder=cache_folder(build_folder),
         kinds=tuple(kinds),
     )
     with opened_experiment(str(scenario)) as experiment:

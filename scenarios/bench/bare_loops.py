@@ -2,7 +2,6 @@
 
 import ctypes
 import hashlib
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.fmus.packaging.c_tables import panels
+from flexbeams.fmus.packaging.cache import is_sound, keep, toolchain_key
 from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.fmus.packaging.native import HEADERS
-from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence
 
 _BENCH = Path(__file__).parent / "native"
@@ -29,19 +29,18 @@ def bare_library(folder: Path, compiler: str, feedforward: Path) -> ctypes.CDLL:
     """
     with zipfile.ZipFile(feedforward) as archive:
         sources = {name: archive.read(name) for name in archive.namelist() if name.startswith("sources/Flat")}
-    digest = hashlib.sha256(compiler.encode())
+    digest = hashlib.sha256(toolchain_key(compiler).encode())
     for content in (*sources.values(), *((_BENCH / name).read_bytes() for name in ("bench.c", "bench.h"))):
         digest.update(content)
     platform = host_platform()
-    library = folder / f"bench-{digest.hexdigest()[:12]}{platform.suffix}"
-    if not library.is_file():
-        with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
-            built = Path(temporary) / f"bench{platform.suffix}"
+    library = folder / f"bench-{digest.hexdigest()[:16]}{platform.suffix}"
+    if not is_sound(library, folder):
+        with temporary_folder() as temporary:
+            built = temporary / f"bench{platform.suffix}"
             for name, content in sources.items():
-                (Path(temporary) / Path(name).name).write_bytes(content)
-            includes = [Path(temporary), HEADERS]
-            find_compiler(compiler).build(built, [_BENCH / "bench.c"], includes, platform)
-            write_whole(library, built.read_bytes())
+                (temporary / Path(name).name).write_bytes(content)
+            find_compiler(compiler).build(built, [_BENCH / "bench.c"], [temporary, HEADERS], platform)
+            keep(library, built.read_bytes(), folder)
     loaded = ctypes.CDLL(str(library))
     loaded.bare_feedforward_scratch.restype = ctypes.c_size_t
     return loaded

@@ -1,13 +1,13 @@
 """The exported scenario under this project's runner and under third-party masters: times and deviations."""
 
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.ssp import export_ssp
@@ -33,21 +33,21 @@ class Times:
 
 
 def measure_masters(
-    steps: int, compiler: str, notify: Callable[[str], None], progress: Callable[[int, int], None]
+    steps: int, compiler: str, build_folder: Path, notify: Callable[[str], None], progress: Callable[[int, int], None]
 ) -> dict[str, Any]:
     """Times of each master and its deviation from the runner's result, in JSON's types.
 
     Each runs in a process of its own on one core, the runner before each of them. Keys: `scenario`, `steps`, `step_s`,
     `platform`, `signals` (recorded at every step), `masters` (rows of figures), `missing` (not installed or failed).
     """
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        file = Path(folder) / f"{SCENARIO}.ssp"
-        settings = Settings(record_animation=False, stop_time=steps * STEP, compiler=compiler)
-        export_ssp(SCENARIO, file, settings, notify=notify)
+    with temporary_folder() as folder:
+        file = folder / f"{SCENARIO}.ssp"
+        settings = Settings(record_animation=False, compiler=compiler, build_folder=build_folder)
+        export_ssp(SCENARIO, file, replace(settings, stop_time=steps * STEP), notify=notify)
 
         @cache
         def reference(coupling: Coupling) -> Recording:
-            return run_package(file, Settings(record_animation=False, coupling=coupling, compiler=compiler)).recording
+            return run_package(file, replace(settings, coupling=coupling)).recording
 
         outputs = read_task(file).signals
         recorded = [c for c in reference("jacobi").columns if c in outputs]

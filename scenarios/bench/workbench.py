@@ -1,6 +1,5 @@
 """The benchmark's scenario, built and loaded: loops of its units, and the bare loops with the same inputs."""
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -10,15 +9,17 @@ import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence, matrices_of
 from flexbeams.scenarios.bench.bare_loops import BareLoops, bare_library
 from flexbeams.scenarios.bench.numpy_loops import NumpyLoops
 from flexbeams.scenarios.bench.unit_loops import Loop, Starts, unit_plan, without_recording
 from flexbeams.scenarios.definition.scenario_file import load_scenario
-from flexbeams.scenarios.definition.settings import BUILD_FOLDER, Settings
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.signals import Signal
 from flexbeams.scenarios.runs.prepare import prepare_scenario
 from flexbeams.scenarios.runs.scenario import unit_files
@@ -38,21 +39,21 @@ class Workbench:
         self,
         steps: int,
         compiler: str = "zig",
-        build_folder: Path = BUILD_FOLDER,
+        build_folder: Path | None = None,
         notify: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.steps, self.compiler, self._build, self._notify = steps, compiler, build_folder, notify
-        settings = Settings(compiler=compiler, build_folder=build_folder, record_animation=False)
+        self.steps, self.compiler, self._build, self._notify = steps, compiler, cache_folder(build_folder), notify
+        settings = Settings(compiler=compiler, build_folder=self._build, record_animation=False)
         prepared = prepare_scenario(load_scenario(SCENARIO), settings, notify)
         scenario, self.design = prepared.scenario, prepared.design
         self._plan, self._starts, self.step = prepared.wiring, prepared.starts, prepared.step
         self.model = prepared.models["plant"]
         self._files = unit_files(prepared, notify)
-        self._stepper = stepper_library(build_folder, compiler)
-        self._library = bare_library(build_folder, compiler, self._files["feedforward"])
+        self._stepper = stepper_library(self._build, compiler)
+        self._library = bare_library(self._build, compiler, self._files["feedforward"])
         self.matrices = matrices_of(self.design, self.model)
         self._stack = ExitStack()
-        self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="flexbeams_")))
+        self._folder = self._stack.enter_context(temporary_folder())
         self.preview = float(prepared.starts.get("feedforward", {}).get("preview", 0.0))  # s
         self.target = np.array(scenario.input[0].targets[0].value) if scenario.input[0].targets else np.zeros(4)  # m
 

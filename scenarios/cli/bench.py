@@ -1,11 +1,12 @@
 """The verb `flexbeams bench`."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import click
 
-from flexbeams.scenarios.cli.options import compiler_option
+from flexbeams.scenarios.cli.options import cache_option, compiler_option
 
 
 @click.command()
@@ -25,11 +26,13 @@ from flexbeams.scenarios.cli.options import compiler_option
 )
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
 @compiler_option
-def bench(steps: int, masters: bool, as_json: bool, compiler: str) -> int:
+@cache_option
+def bench(steps: int, masters: bool, as_json: bool, compiler: str, build_folder: Path | None) -> int:
     """Measure what a step costs: bare C loop, FMI functions, runner and numpy, interleaved in one process.
 
     Measures only: the exit status is 0 whether targets are met or not.
     """
+    from flexbeams.fmus.packaging.cache import cache_folder
     from flexbeams.scenarios.runs.progress import Display
 
     with Display(["bench"]) as display:
@@ -41,13 +44,15 @@ def bench(steps: int, masters: bool, as_json: bool, compiler: str) -> int:
             from flexbeams.scenarios.bench.masters import measure_masters
             from flexbeams.scenarios.cli.bench_tables import show_masters as show
 
-            figures: dict[str, Any] = measure_masters(steps, compiler, display.note, progress)
+            figures: dict[str, Any] = measure_masters(
+                steps, compiler, cache_folder(build_folder), display.note, progress
+            )
         else:
             from flexbeams.scenarios.bench.measure import measure
             from flexbeams.scenarios.bench.workbench import Workbench
             from flexbeams.scenarios.cli.bench_tables import show_bench as show
 
-            with Workbench(steps, compiler=compiler, notify=display.note) as workbench:
+            with Workbench(steps, compiler, build_folder, display.note) as workbench:
                 figures = measure(workbench, progress=progress)
     if as_json:
         click.echo(json.dumps(figures, indent=2))

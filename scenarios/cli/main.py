@@ -9,8 +9,10 @@ from collections.abc import Sequence
 import click
 
 from flexbeams.plant.errors import FlexbeamsError
+from flexbeams.plant.temporary import sweep_temporary_folders
 from flexbeams.scenarios.cli.bench import bench
 from flexbeams.scenarios.cli.build import build
+from flexbeams.scenarios.cli.cache import cache
 from flexbeams.scenarios.cli.compare import compare
 from flexbeams.scenarios.cli.design import design
 from flexbeams.scenarios.cli.export import export
@@ -31,7 +33,7 @@ def commands() -> None:
     """
 
 
-for verb in (run, compare, export, bench, design, build, list_scenarios, validate, identify):
+for verb in (run, compare, export, bench, design, build, list_scenarios, validate, identify, cache):
     commands.add_command(verb)
 
 
@@ -43,6 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     _replace_unencodable()
     os.environ["MPLBACKEND"] = "agg"  # figures are written to files, whatever the user's default
+    sweep_temporary_folders()
     try:
         status = commands.main(args=None if argv is None else list(argv), prog_name="flexbeams", standalone_mode=False)
         return status if isinstance(status, int) else 0

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -65,6 +66,14 @@ compiler_option = click.option(
     show_default=True,
     metavar="NAME",
     help="C compiler of native units: zig (the ziglang wheel), or one of the system's, such as gcc or clang.",
+)
+
+cache_option = click.option(
+    "--cache",
+    "build_folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Folder where built units are kept. [default: $FLEXBEAMS_CACHE, else the user's cache]",
 )
 
 

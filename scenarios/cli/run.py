@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.cli.options import POSITIVE, compiler_option, note, scenario_options
+from flexbeams.scenarios.cli.options import POSITIVE, cache_option, compiler_option, note, scenario_options
 from flexbeams.scenarios.definition.choices import BACKENDS, FORMATS
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     "--backend", type=click.Choice(list(BACKENDS)), default="native", show_default=True, help="Kernel of the units."
 )
 @compiler_option
+@cache_option
 @scenario_options(
     "Set a start value or parameter: plant.beam[1].tip_mass=0.03, plant.beam[].tip_mass=0.03 for all, "
     "plant.u=100,0,0,0 for an array.",
@@ -113,9 +114,11 @@ def _planned(
     formats: Any,
     no_figures: bool,
     no_report: bool,
+    build_folder: Path | None,
     **options: Any,
 ) -> "list[Job]":
     """The jobs, with all input read and folders for their results made."""
+    from flexbeams.fmus.packaging.cache import cache_folder
     from flexbeams.scenarios.definition.settings import Settings
     from flexbeams.scenarios.results.formats import require_formats
     from flexbeams.scenarios.runs.job import Job, opened_experiment
@@ -128,7 +131,7 @@ def _planned(
     require_formats(formats)
     folders = [out if out and len(names) == 1 else (out or Path("results")) / name for name in names]
     stack.enter_context(_folders(folders))
-    settings = Settings(record_animation=not no_report, **options)
+    settings = Settings(record_animation=not no_report, build_folder=cache_folder(build_folder), **options)
     return [
         Job(
             experiment=experiment,

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.options import DesignOptions
+from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
 from flexbeams.scenarios.definition.schema import Instance, Scenario, Value
 
-BUILD_FOLDER = Path("build/fmus")
 INT32 = range(-(2**31), 2**31)
 
 StartValues = dict[str, float | bool]  # by variable
@@ -40,7 +40,7 @@ class Settings:
     step: float | None = None  # s, between communication points
     overrides: Mapping[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to start value
     decimate: int = 1  # every which step is recorded
-    build_folder: Path = BUILD_FOLDER
+    build_folder: Path = field(default_factory=cache_folder)  # where built units are kept, see fmus.packaging.cache
     record_animation: bool = True  # record the deflected beams for the animation
     kinds: tuple[UnitKind, ...] = ()  # of units that scenarios may name beside those of the catalogue
 

@@ -6,7 +6,6 @@ steps units under Jacobi or Gauss-Seidel coupling with the results of this packa
 
 import logging
 import re
-import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,6 +27,7 @@ from flexbeams.fmus.interface.variables import TIME, Interface, Variable
 from flexbeams.fmus.packaging.compilers import Platform, chosen_platforms
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
@@ -57,15 +57,15 @@ def export_container(
     tool = _tool_version()
     prepared = prepare_scenario(load_scenario(name), settings)
     links = prepared.wiring.links()
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
-        folder = Path(temporary) / "units"
+    with temporary_folder() as temporary:
+        folder = temporary / "units"
         folder.mkdir()
         parts = build_parts(prepared, folder, targets, settings.compiler, notify)
         try:
             interface = _interface(prepared, parts, links)
         except InterfaceError as error:
             raise InputError("", f"cannot be a container: {error}", source=prepared.source) from None
-        made = Path(temporary) / "container.fmu"
+        made = temporary / "container.fmu"
         _assemble(folder, made, parts, links, interface, prepared.scenario)
         entries, references = _entries(made, targets, interface.unit_name)
     entries |= _documents(interface, parts, links)

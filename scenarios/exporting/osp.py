@@ -1,6 +1,5 @@
 """A scenario as the Open Simulation Platform configures it: OspSystemStructure.xml with the FMUs beside it."""
 
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from xml.etree import ElementTree
 from flexbeams.fmus.documents.xml_documents import xml_bytes
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.bundle import ExportBundle, build_bundle, parameters_of
 from flexbeams.scenarios.importing.osp import OSP_STRUCTURE
@@ -32,8 +32,8 @@ def export_osp(
     archived = out.suffix.lower() == ".zip"
     if out.exists() and out.is_dir() == archived:
         raise InputError("--out", "must be a folder, or FILE.zip", str(out))
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        bundle = build_bundle(name, Path(folder), settings, platforms, notify, flags_as_real=flags_as_real)
+    with temporary_folder() as folder:
+        bundle = build_bundle(name, folder, settings, platforms, notify, flags_as_real=flags_as_real)
         entries = {file.name: file.read_bytes() for file in bundle.files.values()}
     entries[FILE] = system_document(bundle)
     if archived:

@@ -1,11 +1,11 @@
 """A scenario as an SSP package that needs nothing else: units, connections, signals, start values, diagram."""
 
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from flexbeams.fmus.documents.xml_documents import parameter_set
 from flexbeams.plant.archive import write_whole, zip_bytes
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.choices import SspVersion
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.bundle import ExportBundle, build_bundle, parameters_of
@@ -23,8 +23,8 @@ def export_ssp(
     flags_as_real: bool = False,
 ) -> Path:
     """Writes a scenario as FILE.ssp; raises the same errors as `build_bundle`. Equal arguments give equal bytes."""
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        bundle = build_bundle(name, Path(folder), settings, platforms, notify, flags_as_real=flags_as_real)
+    with temporary_folder() as folder:
+        bundle = build_bundle(name, folder, settings, platforms, notify, flags_as_real=flags_as_real)
         entries = {fmu_path(bundle, component): file.read_bytes() for component, file in bundle.files.items()}
     write_whole(out, zip_bytes(entries | package_documents(bundle, ssp_version)))
     return out

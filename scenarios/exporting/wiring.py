@@ -5,7 +5,6 @@ Written from the tools' public documents and projects; none of these tools was a
 
 import json
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,6 +12,7 @@ from xml.etree import ElementTree
 from flexbeams.fmus.documents.xml_documents import xml_bytes
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.bundle import ExportBundle, build_bundle
 
@@ -36,8 +36,8 @@ def export_wiring(
     archived = out.suffix.lower() == ".zip"
     if out.exists() and out.is_dir() == archived:
         raise InputError("--out", "must be a folder, or FILE.zip", str(out))
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
-        bundle = build_bundle(name, Path(folder), settings, platforms, notify, flags_as_real=flags_as_real)
+    with temporary_folder() as folder:
+        bundle = build_bundle(name, folder, settings, platforms, notify, flags_as_real=flags_as_real)
         entries = {file.name: file.read_bytes() for file in bundle.files.values()}
     for tool in wiring:
         file, write = FILES[tool]

@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 
 from flexbeams.plant.archive import read_arrays
 from flexbeams.plant.errors import FlexbeamsError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.masters.catalogue import find_master
 from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import Task, Trace
@@ -61,14 +61,14 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
     Raises the same errors as `run_master`.
     """
     find_master(name)
-    with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as folder:
+    with temporary_folder() as folder:
         request = {
             "master": name,
             "cycles": cycles,
-            "folder": folder,
+            "folder": str(folder),
             "tasks": [{**asdict(task), "file": str(task.file.resolve())} for task in tasks],
         }
-        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
+        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
         done = subprocess.run(
             python_command("-m", "flexbeams.scenarios.masters.isolation"),
             input=json.dumps(request),
@@ -77,12 +77,12 @@ def run_cycles(name: str, tasks: Sequence[Task], cycles: int = 1) -> Cycles:
             check=False,
             env=python_environment() | temporary,
         )
-        result = Path(folder) / "result.json"
+        result = folder / "result.json"
         if done.returncode or not result.is_file():
             last_line = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]
             raise MasterError(f"{name} ended with status {done.returncode}, last output: {last_line}")
         kept = json.loads(result.read_text())
-        traces = [_read_trace(Path(folder) / f"{k}.npz") for k in range(len(tasks))]
+        traces = [_read_trace(folder / f"{k}.npz") for k in range(len(tasks))]
     return Cycles(traces=traces, repeated=kept["repeated"], stepping=kept["stepping"], resident=kept["resident"])
 
 

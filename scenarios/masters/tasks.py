@@ -10,6 +10,7 @@ from pathlib import Path
 from fmpy import read_model_description
 
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.osp import read_osp
 from flexbeams.scenarios.importing.package import Package, is_package
@@ -97,11 +98,11 @@ def private_folder() -> Iterator[Path]:
     """A folder that also receives the temporary files of this process; it is removed at the end."""
     names = ("TMPDIR", "TEMP", "TMP")
     before, tempdir = {name: os.environ.get(name) for name in names}, tempfile.tempdir
-    with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as folder:
-        tempfile.tempdir = folder
-        os.environ.update(dict.fromkeys(names, folder))
+    with temporary_folder() as folder:
+        tempfile.tempdir = str(folder)
+        os.environ.update(dict.fromkeys(names, str(folder)))
         try:
-            yield Path(folder)
+            yield folder
         finally:
             tempfile.tempdir = tempdir
             for name, value in before.items():

@@ -1,6 +1,5 @@
 """Execution of a prepared run: loads its units and steps them."""
 
-import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 from fmpy import read_model_description
 
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.prepare import PreparedRun
@@ -32,7 +32,7 @@ def execute(
     """
     budget = budget or ExtractionBudget()
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="flexbeams_")))
+        folder = stack.enter_context(temporary_folder())
         instances: dict[str, UnitInstance] = {}
         for name, file in files.items():
             instances[name] = _loaded(name, file, folder / name, prepared, observer, budget)

@@ -1,6 +1,5 @@
 """Runs of SSP packages: the same stepping as a scenario's, with the units and connections of the package."""
 
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
 from flexbeams.scenarios.definition.settings import Settings, start_values
@@ -40,9 +40,9 @@ class ExtractedPackage:
 @contextmanager
 def extracted_package(file: Path) -> Iterator[ExtractedPackage]:
     """A package in a temporary folder; InputError for one that cannot be run."""
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as folder:
+    with temporary_folder() as folder:
         budget = ExtractionBudget()
-        package = open_package(file, Path(folder) / "package", budget)
+        package = open_package(file, folder / "package", budget)
         descriptions = unit_descriptions(package, str(file))
         if problems := structure_problems(package, descriptions):
             raise InputError("", problems[0], source=str(file))

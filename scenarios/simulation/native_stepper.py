@@ -2,7 +2,6 @@
 
 import ctypes
 import hashlib
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexbeams.fmus.packaging.cache import is_sound, keep, prepare_cache, toolchain_key
 from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
-from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.stepping import SignalBus
@@ -197,17 +197,18 @@ def _spans(indices: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def stepper_library(folder: Path, compiler: str) -> Path:
-    """The compiled loop, kept in `folder` under a name that depends on its source and the compiler.
+    """The compiled loop, kept in the cache `folder` under a name that depends on its source and the compiler.
 
-    Raises BuildError.
+    Raises BuildError, and InputError for a cache that cannot be trusted.
     """
     source, header = _NATIVE / "stepper.c", _NATIVE / "stepper.h"
-    digest = hashlib.sha256(source.read_bytes() + header.read_bytes() + compiler.encode()).hexdigest()[:12]
-    platform = host_platform()
+    key = source.read_bytes() + header.read_bytes() + toolchain_key(compiler).encode()
+    digest, platform = hashlib.sha256(key).hexdigest()[:16], host_platform()
     library = folder / f"stepper-{digest}{platform.suffix}"
-    if not library.is_file():
-        with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
-            built = Path(temporary) / f"stepper{platform.suffix}"
+    prepare_cache(folder)
+    if not is_sound(library, folder):
+        with temporary_folder() as temporary:
+            built = temporary / f"stepper{platform.suffix}"
             find_compiler(compiler).build(built, [source], [_NATIVE], platform)
-            write_whole(library, built.read_bytes())
+            keep(library, built.read_bytes(), folder)
     return library

@@ -1,6 +1,5 @@
 """Checks of a package against its FMUs: connectors, units of measurement, start values."""
 
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 from fmpy.validation import validate_fmu
 
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.importing.package import Component, Connector, Package, PackageConnection, Parameter
@@ -19,8 +19,8 @@ Value = float | bool | str
 
 def package_problems(file: Path) -> list[str]:
     """All problems of an SSP, one line each: schemas, structure, units, start values, its FMUs."""
-    with tempfile.TemporaryDirectory(prefix="flexbeams_") as temporary:
-        folder = Path(temporary) / "package"
+    with temporary_folder() as temporary:
+        folder = temporary / "package"
         try:
             package = open_package(file, folder, ExtractionBudget())
             descriptions = unit_descriptions(package, str(file))

@@ -1,6 +1,5 @@
 """Experiments inside a unit, simulated and compared with their reference results."""
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 from flexbeams.fmus.references.results import MANIFEST
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.simulation.failure import UnitFailure
@@ -40,8 +40,8 @@ def reference_checks(file: Path) -> list[tuple[bool, str]]:
     """
     if all(entry.filename != MANIFEST for entry in ExtractionBudget().check(file)):
         return []
-    with tempfile.TemporaryDirectory(prefix="flexbeams_", ignore_cleanup_errors=True) as temporary:
-        folder = Path(temporary) / "unit"
+    with temporary_folder() as temporary:
+        folder = temporary / "unit"
         try:
             ExtractionBudget().extract(file, folder)
             description = unit_description(file, "", "")

@@ -240,7 +240,7 @@ def test_all_platforms(everywhere: Path) -> None:
         content = contents.pop()
         assert content.startswith(magic)
         assert content[place : place + len(machine)] == machine
-        assert b"flexbeams_" not in content  # the temporary folder
+        assert b"flexbeams-" not in content  # the temporary folder
         assert str(Path.cwd()).encode() not in content
 
 
