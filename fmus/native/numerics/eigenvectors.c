@@ -96,7 +96,7 @@ static void solve_block(const Eigenvector *v, size_t i)
 
 /* The eigenvector of the diagonal block that begins at row `begin` and ends before v->end. Where a block further up has
    the same eigenvalue a divisor vanishes; one of the size of rounding in its place gives an independent vector. */
-static void find_eigenvector(Eigenvector *v, size_t begin)
+NOT_INLINED static void find_eigenvector(Eigenvector *v, size_t begin)
 {
     const size_t n = v->n;
     const double *const block = v->T + begin * n + begin;
@@ -125,7 +125,8 @@ static size_t end_of_block(size_t n, const double *T, size_t begin)
     return begin + (begin + 1 < n && T[(begin + 1) * n + begin] != 0.0 ? 2 : 1);
 }
 
-void schur_eigenvectors(size_t n, const double *T, double *X, double *real, double *imaginary, double *scratch)
+NOT_INLINED void schur_eigenvectors(size_t n, const double *T, double *X, double *real, double *imaginary,
+                                    double *scratch)
 {
     Eigenvector v = {.n = n, .T = T, .real = scratch, .imaginary = scratch + n};
     for (size_t k = 0; k < n * n; k++)
@@ -163,7 +164,7 @@ static void divide_rows(size_t n, const double *block, size_t height, size_t cou
     }
 }
 
-void invert_eigenvectors(size_t n, const double *T, const double *X, double *inverse)
+NOT_INLINED void invert_eigenvectors(size_t n, const double *T, const double *X, double *inverse)
 {
     memset(inverse, 0, n * n * sizeof *inverse);
     for (size_t end = n; end > 0;) {

@@ -38,7 +38,8 @@ void multiply_panels(size_t rows, size_t columns, const double *panels, const do
     }
 }
 
-void multiply_matrices(size_t rows, size_t inner, size_t columns, const double *A, const double *B, double *C)
+NOT_INLINED void multiply_matrices(size_t rows, size_t inner, size_t columns, const double *A, const double *B,
+                                   double *C)
 {
     memset(C, 0, rows * columns * sizeof *C);
     for (size_t i = 0; i < rows; i++)
@@ -101,7 +102,7 @@ static void swap_rows(double *one, double *other, size_t columns)
     }
 }
 
-bool solve_general(size_t n, size_t columns, double *A, double *B)
+NOT_INLINED bool solve_general(size_t n, size_t columns, double *A, double *B)
 {
     for (size_t k = 0; k < n; k++) {
         size_t best = k;

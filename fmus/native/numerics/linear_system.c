@@ -49,7 +49,7 @@ LinearSystem linear_system_in(double *memory, double *scratch, size_t states, si
     return system;
 }
 
-void linear_system_build(const LinearSystem *system, const double *A, const double *B, const double *C)
+NOT_INLINED void linear_system_build(const LinearSystem *system, const double *A, const double *B, const double *C)
 {
     const size_t n = system->states;
     double *const copy = system->scratch;
@@ -76,7 +76,7 @@ void linear_system_coordinates(const LinearSystem *system, size_t columns, const
 }
 
 /* exp of [A h, B h, 0; 0, 0, I; 0, 0, 0], of which the first rows go into panels: x(t + h) from x(t), v(t) and h v'. */
-static bool discretise(const LinearSystem *system, double step)
+NOT_INLINED static bool discretise(const LinearSystem *system, double step)
 {
     const size_t n = system->states;
     const size_t m = system->inputs;

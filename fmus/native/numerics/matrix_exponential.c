@@ -45,7 +45,7 @@ size_t matrix_exponential_size(size_t n)
     return 6 * n * n;
 }
 
-bool matrix_exponential(size_t n, double *A, double *workspace)
+NOT_INLINED bool matrix_exponential(size_t n, double *A, double *workspace)
 {
     const size_t size = n * n;
     double *const A2 = workspace;

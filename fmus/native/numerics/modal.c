@@ -44,7 +44,7 @@ static inline void store_functions(double *rows, const HoldFunctions *f, bool is
     store_function(rows + 4 * MODAL_BLOCK, f->ramp, is_second);
 }
 
-bool modal_prepare(const Modal *modal, double step)
+NOT_INLINED bool modal_prepare(const Modal *modal, double step)
 {
     const size_t slots = modal->slots;
     const size_t paired_blocks = (size_t)modal->facts[0] / MODAL_LANES; /* whose seconds are known with the firsts */

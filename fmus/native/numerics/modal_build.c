@@ -55,7 +55,7 @@ static double scale_of(size_t count, const double *A)
 
 /* T = A / scale with rows and columns from the largest row to the smallest: in this order the small eigenvalues lose no
    digits to the large ones. The order is left in `slots`. */
-static void sort_by_size(const double *A, double scale, const ModalScratch *s)
+NOT_INLINED static void sort_by_size(const double *A, double scale, const ModalScratch *s)
 {
     const size_t n = s->n;
     double *const order = s->slots;
@@ -162,8 +162,8 @@ static void find_coordinates(const double *x, size_t stride, const ModalScratch 
 }
 
 /* V^-1 of `count` columns of B (states, inputs) from `first` on, as blocks. */
-static void fill_inputs(const Modal *modal, const double *B, size_t first, size_t count, double *blocks,
-                        const ModalScratch *s)
+NOT_INLINED static void fill_inputs(const Modal *modal, const double *B, size_t first, size_t count, double *blocks,
+                                    const ModalScratch *s)
 {
     memset(blocks, 0, count * modal->slots * sizeof *blocks);
     for (size_t j = 0; j < count; j++) {
@@ -202,7 +202,7 @@ double modal_build(const Modal *modal, double *A, const double *B, const double 
     return eigenvalue_condition(n, s.T, s.inverse);
 }
 
-void modal_coordinates(const Modal *modal, size_t columns, const double *X, double *z, double *scratch)
+NOT_INLINED void modal_coordinates(const Modal *modal, size_t columns, const double *X, double *z, double *scratch)
 {
     const ModalScratch s = modal_scratch_in(scratch, modal->states, NULL);
     memset(z, 0, modal->slots * columns * sizeof *z);

@@ -44,7 +44,7 @@ static double reflect_column(size_t n, size_t k, double *A, double *v)
 }
 
 /* H in place of A, A = Q H Q', and Q' */
-static void reduce_to_hessenberg(size_t n, double *A, double *transposed_Q, double *scratch)
+NOT_INLINED static void reduce_to_hessenberg(size_t n, double *A, double *transposed_Q, double *scratch)
 {
     double *const v = scratch;
     double *const product = v + n;
@@ -200,7 +200,7 @@ static bool may_begin_at(size_t n, double *T, size_t top, const double column[3]
 }
 
 /* One QR step on the rows begin ... end - 1. */
-static void qr_step(size_t n, double *T, double *transposed_Q, size_t begin, size_t end, Shifts shifts)
+NOT_INLINED static void qr_step(size_t n, double *T, double *transposed_Q, size_t begin, size_t end, Shifts shifts)
 {
     double column[3];
     size_t top = end - 3;
@@ -228,7 +228,7 @@ static void qr_step(size_t n, double *T, double *transposed_Q, size_t begin, siz
 }
 
 /* Makes the 2 x 2 block at rows k, k + 1 triangular where its eigenvalues are real. */
-static void split_block(size_t n, double *T, double *transposed_Q, size_t k)
+NOT_INLINED static void split_block(size_t n, double *T, double *transposed_Q, size_t k)
 {
     double *const block = T + k * n + k;
     const double half = (block[0] - block[n + 1]) / 2;
@@ -246,7 +246,7 @@ static void split_block(size_t n, double *T, double *transposed_Q, size_t k)
     block[n] = 0.0;
 }
 
-bool real_schur(size_t n, double *A, double *transposed_Q, double *scratch)
+NOT_INLINED bool real_schur(size_t n, double *A, double *transposed_Q, double *scratch)
 {
     reduce_to_hessenberg(n, A, transposed_Q, scratch);
     size_t step = 0;

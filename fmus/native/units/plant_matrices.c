@@ -148,7 +148,7 @@ static bool check_parameters(UnitInstance *unit)
     return true;
 }
 
-bool compute_plant_matrices(UnitInstance *unit, const PlantMatrices *matrices)
+NOT_INLINED bool compute_plant_matrices(UnitInstance *unit, const PlantMatrices *matrices)
 {
     static const char refusal[] = "the %s matrix is not positive definite: check the structure's parameters";
     const BeamPlantData *const plant = unit->data;
