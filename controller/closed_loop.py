@@ -7,16 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from flexbeams.controller.frequency import Complex
 from flexbeams.controller.observer import tick_matrices
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.statespace import static_gains
-
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -58,6 +58,14 @@ class Plants:
         return Plants(full={name: self.full[name]}, slow={name: self.slow[name]})
 
 
+def models_of(model: BeamModel) -> dict[str, BeamModel]:
+    """The models to verify a design on: its own, and the exact one unless that is its own."""
+    models = {DESIGN: model}
+    if (model.basis, model.order) != (EXACT_BASIS, DEFAULT_ORDER[EXACT_BASIS]):
+        models[EXACT] = beam_model(model.structure, EXACT_BASIS)
+    return models
+
+
 def plants_of(models: Mapping[str, BeamModel], step: float) -> Plants:
     """The plants of models, sampled with `step` s."""
     return Plants(
@@ -157,9 +165,7 @@ def verify_design(
     Raises DesignError for a loop that is unstable on a plant that counts, with the weight to blame and the value that
     still holds.
     """
-    models = {DESIGN: model}
-    if (model.basis, model.order) != (EXACT_BASIS, DEFAULT_ORDER[EXACT_BASIS]):
-        models[EXACT] = beam_model(model.structure, EXACT_BASIS)
+    models = models_of(model)
     plants = plants_of(models, options.sample_time)
     exact = options.verify == "exact"
     counting = plants if exact else plants.only(DESIGN)

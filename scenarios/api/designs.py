@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.design import compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.plant.validation import validate
+from flexbeams.scenarios.api.design_view import DesignView
 
 
 def structure(name: str | Path = "kiel") -> Structure:
@@ -25,7 +26,7 @@ def structure(name: str | Path = "kiel") -> Structure:
     return read_structure(find_structure(str(name)))
 
 
-def design(structure: str | Path | Structure = "kiel", **options: Any) -> Design:
+def design(structure: str | Path | Structure = "kiel", **options: Any) -> DesignView:
     """Computes the design of a structure: reduced model, flatness coefficients, filter and regulator.
 
     Parameters
@@ -34,6 +35,11 @@ def design(structure: str | Path | Structure = "kiel", **options: Any) -> Design
         A shipped name, the path of a structure file, or a structure.
     options
         Keys of the table `[design]` of a scenario, such as `basis`, `order`, `reduced_modes`, and `weights` as a table.
+
+    Returns
+    -------
+    DesignView
+        The design, with its plants, models, controller and closed loops.
 
     Raises
     ------
@@ -49,7 +55,7 @@ def design(structure: str | Path | Structure = "kiel", **options: Any) -> Design
     8
     """
     chosen = structure if isinstance(structure, Structure) else _read(structure)
-    return compute_design(chosen, validate(DesignOptions, options, "design"))
+    return DesignView(compute_design(chosen, validate(DesignOptions, options, "design")))
 
 
 _read = structure

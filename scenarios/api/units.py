@@ -9,10 +9,11 @@ from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.api.design_view import DesignView
 
 
 def build(
-    design: Design,
+    design: Design | DesignView,
     units: Sequence[str | UnitKind] = (),
     *,
     folder: str | Path = "build/fmus",
@@ -53,5 +54,6 @@ def build(
     kinds = [u if isinstance(u, UnitKind) else require_kind(u, "UNIT") for u in dict.fromkeys(units)] or CATALOGUE
     if backend not in BACKENDS:
         raise InputError("backend", f"must be one of {', '.join(BACKENDS)}", backend)
-    model = design.model()
-    return build_units(kinds, design, model, Path(folder), backend=backend, platforms=platforms, compiler=compiler)
+    computed = design.computed if isinstance(design, DesignView) else design
+    model = computed.model()
+    return build_units(kinds, computed, model, Path(folder), backend=backend, platforms=platforms, compiler=compiler)

@@ -3,15 +3,19 @@
 from typing import Any
 
 import numpy as np
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from flexbeams.controller.design import Design
+from flexbeams.controller.analysis import Analysis, LoopAnalysis
 from flexbeams.scenarios.cli.tables import console
 
+PLANTS = {"design": "the design's own plant", "exact": "the exact plant"}
 
-def show_design(design: Design) -> None:
-    """Prints the figures of a design."""
+
+def show_design(analysis: Analysis) -> None:
+    """Prints the figures of a design and of its analysis."""
+    design = analysis.design
     out, s = console(), design.summary
     out.print(f"[bold]design {design.design_id}[/]")
     out.print(
@@ -40,14 +44,65 @@ def show_design(design: Design) -> None:
     if s["real_eigenvalues"]:
         out.print("real poles, 1/s: " + ", ".join(f"{value:.3f}" for value in s["real_eigenvalues"][:12]))
     out.print(_static_gains(s))
-    for plant, (real, imaginary) in s["closed_loop"].items():
-        out.print(f"least stable pole of the closed loop on the {plant} plant: {real:.3f} ± {abs(imaginary):.2f}j 1/s")
-    out.print(f"integral gain: {s['integral_gain']:g} a sample, stable up to {s['integral_gain_limit']:g}")
-    for warning in s["warnings"]:
-        out.print(f"[yellow]warning:[/] {escape(warning)}")
+    for name, loop in analysis.loops.items():
+        pole = loop.poles[0]
+        out.print(f"closed loop on {PLANTS[name]}: least stable pole {pole.real:.3f} ± {abs(pole.imag):.2f}j 1/s")
     for name in ("estimator", "feedback"):
         slowest = s[f"{name}_eigenvalues"][0]
         out.print(f"slowest {name} eigenvalue: {slowest[0]:.3f} ± {abs(slowest[1]):.2f}j 1/s")
+    for name, loop in analysis.loops.items():
+        if loop.margins:
+            disk = loop.margins.disk
+            out.print(
+                f"margins on {PLANTS[name]}: disk margin {disk.alpha:.3f} of all pairs at once, at "
+                f"{disk.frequency:.1f} rad/s: gains {1 / disk.gain:.2f} to {disk.gain:.2f} times, phases "
+                f"± {disk.phase:.0f}°"
+            )
+            out.print(_margins(loop))
+    out.print(f"integral gain: {s['integral_gain']:g} a sample, stable up to {s['integral_gain_limit']:g}")
+    _show_statics(out, analysis)
+    for warning in s["warnings"]:
+        out.print(f"[yellow]warning:[/] {escape(warning)}")
+
+
+def _margins(loop: LoopAnalysis) -> Table:
+    """Margins of each pair with the others closed, and noise."""
+    margins, noise = loop.margins, loop.noise_gain
+    assert margins is not None
+    assert noise is not None
+    table = Table()
+    for heading in ("pair", "gain", "phase", "delay", "disk margin", "noise, mV rms per µm/m"):
+        table.add_column(heading, justify="right")
+    for k, channel in enumerate(margins.channels):
+        table.add_row(f"u[{k + 1}]", *channel.texts(), f"{1e-3 * noise[k]:.2f}")
+    return table
+
+
+def _show_statics(out: Console, analysis: Analysis) -> None:
+    """Expected static errors, the offset-free observer, and what to move."""
+    errors, ranking, offsets = (
+        analysis.static_errors.figures(),
+        analysis.ranking,
+        analysis.design.summary.get("offsets"),
+    )
+    for name in ("feedforward", "loop"):
+        label = "feedforward alone" if name == "feedforward" else "with control"
+        median, high, largest = (1e3 * v for v in errors[name])
+        out.print(
+            f"expected static error, {label}: median {median:.3f} mm, 95 % {high:.3f} mm, largest {largest:.3f} mm "
+            f"of {errors['samples']} plants"
+        )
+    if offsets:
+        out.print(
+            f"offset map: {offsets['independent_errors']} independent strain errors of "
+            f"{len(ranking.gauge_losses)} gauges, condition {offsets['condition']:.3g}, rms deflection error "
+            f"{1e3 * offsets['static_error_before']:.3f} mm before, {1e3 * offsets['static_error_after']:.3f} mm after"
+            + (f"; blind gauges {offsets['blind_gauges']}" if offsets["blind_gauges"] else "")
+        )
+    for word, losses in (("patch pair", ranking.pair_losses), ("strain gauge", ranking.gauge_losses)):
+        order = np.argsort(-losses)
+        listed = ", ".join(f"{k + 1} ({100 * losses[k]:.0f} %)" for k in order)
+        out.print(f"{word}s by their part in the Hankel singular values: {listed}")
 
 
 def _static_gains(s: dict[str, Any]) -> Table:

@@ -45,6 +45,47 @@ def test_design_of_names_and_structures() -> None:
     assert fb.design(fb.structure("single_beam"), reduced_modes=4).design_id == by_name.design_id
 
 
+def test_linear_models_of_a_design() -> None:
+    """Plant, reduced model and controller with their signals, in python-control, scipy and pyMOR."""
+    design = fb.design("single_beam", reduced_modes=4)
+    plant = design.plant(basis="segment", start={"beam[].tip_mass": 0.03})
+    assert plant.inputs == ("u[1]", "force[1]")
+    assert plant.outputs == ("y_pi[1]", "y_pm[1]", "y_pm[2]")
+    assert design.model.A.shape == (8, 8)
+    assert design.feedback_gain.shape == (1, 8)
+    assert design.estimator_gain.shape == (8, 2)
+    s = 12j
+    for model, point in ((plant, s), (design.model, s), (design.controller, np.exp(s * 2e-4))):
+        expected = model.C @ np.linalg.solve(point * np.eye(len(model.A)) - model.A, model.B) + model.D
+        exported = model.to_control()
+        assert (exported.name, exported.input_labels, exported.output_labels) == (
+            model.name,
+            list(model.inputs),
+            list(model.outputs),
+        )
+        np.testing.assert_allclose(exported(point), expected, rtol=1e-6)
+        np.testing.assert_allclose(model.to_pymor().transfer_function.eval_tf(point), expected, rtol=1e-6)
+        assert model.to_scipy().A.shape == model.A.shape
+    assert plant.to_control(2e-4).dt == plant.to_scipy(2e-4).dt == design.controller.to_control().dt == 2e-4
+    heavier = np.linalg.eigvals(plant.A), np.linalg.eigvals(design.plant(basis="segment").A)
+    assert np.abs(heavier[0]).min() < np.abs(heavier[1]).min()
+    with pytest.raises(fb.FlexbeamsError, match=r"dt must be the sample time of the controller, 0\.0002 s, got 0\.001"):
+        design.controller.to_control(1e-3)
+    with pytest.raises(fb.FlexbeamsError, match=r"start\.beam\[1\]\.mass is not a parameter"):
+        design.plant(start={"beam[1].mass": 1.0})
+
+
+def test_margins_of_a_design_on_another_plant() -> None:
+    design = fb.design("single_beam")
+    loop = design.loop(design.plant(basis="segment"))
+    assert loop.margins().disk.alpha == pytest.approx(1.008, abs=1e-3)
+    assert design.loop().margins().disk.alpha == pytest.approx(0.935, abs=1e-3)
+    assert loop.poles()[0].real < 0
+    assert loop.noise_gain().shape == (1,)
+    assert loop.sensitivity(np.array([1.0, 10.0])).S.shape == (2, 1, 1)
+    assert design.analysis().loops["exact"].margins == loop.margins()
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

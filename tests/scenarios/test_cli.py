@@ -106,7 +106,9 @@ def test_design_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     shown = json.loads(output(capsys, "design", "--json"))
     design = design_of()
     assert shown["design_id"] == design.design_id
-    assert shown == {"design_id": design.design_id, **json.loads(json.dumps(design.summary))}
+    assert shown.items() >= json.loads(json.dumps(design.summary)).items()
+    assert shown["loops"]["exact"]["margins"]["disk"]["alpha"] == pytest.approx(1.184, abs=1e-3)
+    assert shown["units"]["frequencies"] == "rad/s"
     frequencies = np.array(shown["frequencies"])
     assert len(frequencies) == 30
     assert np.all(np.diff(frequencies) > 0)
@@ -134,6 +136,43 @@ def test_design_of_others(structure: str, basis: str, states: int, capsys: pytes
     assert shown["design_id"] == design_of(structure, basis).design_id
     assert shown["full_order"] == states
     assert len(shown["reduced_eigenvalues"]) == 10 * len(design_of(structure).structure.beam)
+
+
+def test_design_of_a_scenario_with_other_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Structure and [design] of a scenario, options in its place, and a page."""
+    page = tmp_path / "pages" / "one.html"
+    sets = [
+        "reduced_modes=4",
+        "weights.kalman_q_total=100",
+        "observer=offset_free",
+        "uncertainty.patch[].piezo_ratio=0.2",
+    ]
+    options = [argument for text in sets for argument in ("--set", text)]
+    assert main(["design", "--scenario", "single_beam", *options, "--report", str(page)]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == f"report written to {page}\n"
+    assert "1 beams, 1 patch pairs" in shown.out
+    assert "reduced to 8" in shown.out
+    assert "disk margin" in shown.out
+    text = page.read_text(encoding="utf-8")
+    assert "<h1>Design: single_beam</h1>" in text
+    for value in ("100", "offset_free", "{&#39;patch[].piezo_ratio&#39;: 0.2}"):
+        assert f"<dd>{value}</dd>" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--set", "weights.kalman=1"], "--set: weights.kalman is not a known key"),
+        (["--set", "observer=paper_free"], "--set: observer must be 'paper' or 'offset_free'"),
+        (["--set", "voltage.limit=1"], "--set must be a key of [design], weights.NAME or uncertainty.NAME"),
+        (["--set", "reduced_modes"], "must be KEY=VALUE, got 'reduced_modes'"),
+        (["--scenario", "trackin"], "'trackin' is neither a file nor a shipped scenario; did you mean 'tracking'?"),
+    ],
+)
+def test_design_refuses_options(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["design", *options]) == 2
+    assert message in capsys.readouterr().err
 
 
 def test_design_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,6 @@ const markTime = t => {
   const first = document.getElementById("from"), last = document.getElementById("to");
   const HEIGHT = 190, PRINTED = 215;
   let whole = [Infinity, -Infinity], shown = null, zooming = false;
-  const short = v => String(+v.toPrecision(5));
 
   function zoom(low, high) {
     const span = Math.min(Math.max(high - low, 1e-4), whole[1] - whole[0]);
@@ -35,32 +34,6 @@ const markTime = t => {
   const actions = {in: () => middle(0.5), out: () => middle(2), left: () => move(-0.25), right: () => move(0.25),
                    all: () => zoom(...whole)};
   const keys = {ArrowLeft: "left", ArrowRight: "right", "+": "in", "=": "in", "-": "out", "0": "all", Escape: "all"};
-
-  function legend(panel, chart) {
-    const list = document.createElement("ul");
-    list.className = "curves";
-    const values = panel.curves.map((curve, k) => {
-      const item = document.createElement("li"), button = document.createElement("button");
-      const marker = document.createElement("span"), value = document.createElement("span");
-      marker.className = "marker";
-      marker.style.borderColor = `var(--curve-${curve.colour})`;
-      value.className = "value";
-      button.type = "button";
-      button.setAttribute("aria-pressed", "true");
-      button.append(marker, curve.label, value);
-      button.addEventListener("click", () => {
-        const on = button.getAttribute("aria-pressed") !== "true";
-        button.setAttribute("aria-pressed", on);
-        chart.setSeries(k + 1, {show: on});
-      });
-      item.append(button);
-      list.append(item);
-      return value;
-    });
-    return {list, values};
-  }
-
-  const read = text => Array.from(new Float32Array(bytes(text)), v => Number.isFinite(v) ? v : null);
 
   // The empty panel; `fill` draws into it once it has its place in the page
   function frame(panel) {

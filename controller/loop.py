@@ -1,0 +1,83 @@
+"""Frequency responses, poles and noise of the loop that is closed: the sampled controller on a full plant."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
+
+from flexbeams.controller.closed_loop import SampledController, SampledPlant, closed_loop_matrix, closed_loop_poles
+from flexbeams.controller.frequency import Complex, Resolvent
+from flexbeams.plant.basis import Array
+
+LOWEST_FREQUENCY = 0.1  # rad/s
+_POINTS_PER_DECADE = 60
+_AROUND_A_POLE = (-3.0, -1.5, -0.7, 0.0, 0.7, 1.5, 3.0)  # half widths of the resonance
+_DISTINCT = 0.5  # damping ratio below which a pole is a resonance
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopResponse:
+    """Frequency responses at the plant's input, negative feedback: S = (I - K P)^-1, T = I - S, KS = S K.
+
+    P is the plant from voltages to strains, K the controller from strains to voltages; k frequencies.
+    """
+
+    omega: Array  # (k,), rad/s
+    S: Complex  # (k, n_u, n_u): from a voltage added at the plant's input to the voltage there
+    T: Complex  # (k, n_u, n_u): to the voltage of the controller, negative
+    KS: Complex  # (k, n_u, n_pm), V: from strain noise to voltages
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop of a controller and a plant with the same sample time."""
+
+    controller: SampledController
+    plant: SampledPlant
+
+    def poles(self) -> Complex:
+        """Poles in 1/s, log(z) / step, the least stable first."""
+        return closed_loop_poles(self.controller, self.plant)
+
+    @cached_property
+    def _inputs(self) -> tuple[Array, Array]:
+        """Effect of voltages added at the plant's input (n, n_u) and of strain noise (n, n_pm) on the loop's state."""
+        P, K = self.plant, self.controller
+        voltages = np.vstack([P.B, K.B @ P.D_pm])
+        return voltages, np.vstack([np.zeros((len(P.A), K.B.shape[1])), K.B])
+
+    @cached_property
+    def _output(self) -> Array:
+        """Voltages of the controller from the loop's state."""
+        return np.hstack([np.zeros((len(self.controller.C), len(self.plant.A))), self.controller.C])
+
+    @cached_property
+    def _resolvent(self) -> Resolvent:
+        """From voltages added at the plant's input and strain noise to the controller's voltages."""
+        return Resolvent.of(closed_loop_matrix(self.controller, self.plant), np.hstack(self._inputs), self._output)
+
+    def sensitivity(self, omega: Array) -> LoopResponse:
+        """S, T and KS at frequencies omega (k,), rad/s, up to that of Nyquist."""
+        n_u, frequencies = self.plant.B.shape[1], np.asarray(omega, dtype=np.float64)
+        G = self._resolvent.at(np.exp(1j * frequencies * self.plant.step))
+        return LoopResponse(omega=frequencies, S=np.eye(n_u) + G[:, :, :n_u], T=-G[:, :, :n_u], KS=G[:, :, n_u:])
+
+    def frequencies(self) -> Array:
+        """A grid (k,) in rad/s up to Nyquist that resolves every resonance of the loop and of the plant alone."""
+        nyquist = np.pi / self.plant.step
+        count = int(np.ceil(_POINTS_PER_DECADE * np.log10(nyquist / LOWEST_FREQUENCY)))
+        plant = np.log(np.linalg.eigvals(self.plant.A).astype(np.complex128)) / self.plant.step
+        poles = np.concatenate([plant, self.poles()])
+        poles = poles[(poles.imag > LOWEST_FREQUENCY) & (np.abs(poles.real) < _DISTINCT * np.abs(poles))]
+        peaks = (poles.imag[:, None] + np.outer(np.abs(poles.real), _AROUND_A_POLE)).ravel()
+        grid = np.concatenate([np.geomspace(LOWEST_FREQUENCY, nyquist, count), peaks])
+        return np.unique(grid[(grid >= LOWEST_FREQUENCY) & (grid <= nyquist)])
+
+    def noise_gain(self) -> Array:
+        """Rms voltage of each pair (n_u,), V, for white strain noise of 1 m/m rms a sample on every gauge."""
+        A = closed_loop_matrix(self.controller, self.plant)
+        B = self._inputs[1]
+        covariance = solve_discrete_lyapunov(A, B @ B.T, method="bilinear")
+        variance = np.einsum("ij,jk,ik->i", self._output, covariance, self._output)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
