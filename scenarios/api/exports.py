@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from os.path import exists, isfile
+from os.path import exists, isdir, isfile
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,8 @@ def export(
         The file, or folder, to write; by default the scenario's name with the suffix of the format.
     format
         `ssp`, `ospsystem`, `closed-loop`, `container` or `wiring`. By default that of an option which belongs to one
-        format only, else `closed-loop` for a file *.fmu, else `ssp`.
+        format only, else that of the file: `ssp` for *.ssp, `closed-loop` for *.fmu, `ospsystem` for a folder or *.zip;
+        `ssp` without a file.
     platforms
         Binaries in the units, as in `build`.
     notify
@@ -65,9 +66,8 @@ def export(
     """
     chosen = _format(format, file, options)
     extra = _format_options(chosen, options)
-    suffix = EXPORT_SUFFIXES[chosen]
-    out = Path(file) if file is not None else Path(f"{Path(scenario).stem}{suffix}")
-    _require_path(out, suffix)
+    out = Path(file) if file is not None else Path(f"{Path(scenario).stem}{EXPORT_SUFFIXES[chosen]}")
+    _require_path(out, chosen)
     if chosen == "wiring" and "wiring" not in extra:
         raise InputError("--wiring", f"must be given with --format wiring: {', '.join(WIRING_TOOLS)}")
     start, kinds = options.pop("start", None) or {}, tuple(options.pop("kinds", ()))
@@ -80,9 +80,10 @@ def export(
 def _format(format: str | None, file: str | Path | None, options: dict[str, Any]) -> ExportFormat:
     """The format that is named, else that of an option of one format only, else that of the file's suffix."""
     if format is None:
-        single = (formats[0] for name, formats in EXPORT_OPTIONS.items() if options.get(name) and len(formats) == 1)
-        by_suffix: ExportFormat = "closed-loop" if file is not None and Path(file).suffix.lower() == ".fmu" else "ssp"
-        return next(single, by_suffix)
+        for name, formats in EXPORT_OPTIONS.items():
+            if options.get(name) and len(formats) == 1:
+                return formats[0]
+        return "ssp" if file is None else _format_of(Path(file))
     for name in EXPORT_SUFFIXES:
         if format == name:
             return name
@@ -101,10 +102,25 @@ def _format_options(chosen: ExportFormat, options: dict[str, Any]) -> dict[str, 
     return extra
 
 
-def _require_path(out: Path, suffix: str) -> None:
-    """InputError for a path that cannot be a file, or a folder, with this suffix."""
+def _format_of(file: Path) -> ExportFormat:
+    """The format of a file's suffix, or of a folder."""
+    formats: dict[str, ExportFormat] = {".ssp": "ssp", ".fmu": "closed-loop", ".zip": "ospsystem", "": "ospsystem"}
+    suffix = file.suffix.lower() if not isdir(file) else ""
+    if suffix not in formats:
+        rule = "must end with .ssp or .fmu, or be a folder or FILE.zip, where --format is not given"
+        raise InputError("--out", rule, str(file))
+    return formats[suffix]
+
+
+def _require_path(out: Path, chosen: ExportFormat) -> None:
+    """InputError for a path that cannot be a file, or a folder, of this format."""
+    suffix = EXPORT_SUFFIXES[chosen]
     if suffix.startswith("."):
         if exists(out) and not isfile(out):
             raise InputError("--out", "must be a regular file or a new path", str(out))
-    elif not out.name:
-        raise InputError("--out", "must be a folder, or FILE.zip", str(out))
+        if out.suffix.lower() != suffix:
+            raise InputError("--out", f"must end with {suffix} for --format {chosen}", str(out))
+    elif not out.name or out.suffix.lower() in (".ssp", ".fmu"):
+        raise InputError("--out", f"must be a folder, or FILE.zip, for --format {chosen}", str(out))
+    if not isdir(out.parent):
+        raise InputError("--out", "must be in a folder that exists", str(out))

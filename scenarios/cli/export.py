@@ -14,7 +14,7 @@ from flexbeams.scenarios.definition.choices import EXPORT_SUFFIXES, SSP_VERSIONS
 @click.option(
     "--format",
     type=click.Choice(list(EXPORT_SUFFIXES)),
-    help="By default the format of the suffix of FILE, else ssp. "
+    help="By default that of the suffix of FILE: .ssp, .fmu (closed-loop), a folder or .zip (ospsystem). "
     "ssp: an SSP package with units, connections, signals and start values. "
     "ospsystem: a folder (or .zip) with OspSystemStructure.xml and the units, for tools of the Open "
     "Simulation Platform. "

@@ -13,8 +13,9 @@ from flexbeams.scenarios.cli.options import POSITIVE, cache_option, compiler_opt
 from flexbeams.scenarios.definition.choices import BACKENDS, FORMATS
 
 if TYPE_CHECKING:
+    from flexbeams.scenarios.definition.settings import Settings
     from flexbeams.scenarios.report.figure_process import FigureProcess
-    from flexbeams.scenarios.runs.job import Job, JobResult
+    from flexbeams.scenarios.runs.job import Experiment, Job, JobResult
     from flexbeams.scenarios.runs.progress import Display
 
 
@@ -65,7 +66,8 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the results; with several scenarios a folder for each inside it. [default: results/<scenario>]",
+    help="Folder of the results; with several scenarios a folder for each inside it. "
+    "[default: results/<scenario>, with a suffix that names settings other than the scenario's]",
 )
 @click.option("--real-time", is_flag=True, help="Pace the run to the wall clock (native units); lateness is reported.")
 @click.option(
@@ -120,6 +122,7 @@ def _planned(
     """The jobs, with all input read and folders for their results made."""
     from flexbeams.fmus.packaging.cache import cache_folder
     from flexbeams.scenarios.definition.settings import Settings
+    from flexbeams.scenarios.definition.variants import variant_suffix
     from flexbeams.scenarios.results.formats import require_formats
     from flexbeams.scenarios.runs.job import Job, opened_experiment
 
@@ -129,9 +132,12 @@ def _planned(
         if name in names[:k]:
             raise InputError("SCENARIO", "must be given once, since its name is that of its results", name)
     require_formats(formats)
-    folders = [out if out and len(names) == 1 else (out or Path("results")) / name for name in names]
-    stack.enter_context(_folders(folders))
     settings = Settings(record_animation=not no_report, build_folder=cache_folder(build_folder), **options)
+    if out is None:
+        folders = [Path("results") / f"{e.name}{variant_suffix(_changes(e, settings))}" for e in experiments]
+    else:
+        folders = [out if len(names) == 1 else out / name for name in names]
+    stack.enter_context(_folders(folders))
     return [
         Job(
             experiment=experiment,
@@ -140,9 +146,18 @@ def _planned(
             formats=formats,
             figures=not no_figures,
             report=not no_report,
+            named_folder=out is not None,
         )
         for experiment, folder in zip(experiments, folders, strict=True)
     ]
+
+
+def _changes(experiment: "Experiment", settings: "Settings") -> dict[str, Any]:
+    """The settings with which a run differs from its scenario or package."""
+    from flexbeams.scenarios.definition.scenario_file import ScenarioFile
+    from flexbeams.scenarios.definition.variants import changed_settings
+
+    return changed_settings(settings, experiment.scenario if isinstance(experiment, ScenarioFile) else None)
 
 
 def _run_all(

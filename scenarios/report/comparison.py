@@ -15,14 +15,14 @@ from flexbeams.scenarios.results.curves import Curve, curve
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """Writes compare.html, compare.png and compare.svg; returns the files."""
-    from flexbeams.scenarios.report.figures import write_figure
+    from flexbeams.scenarios.report.figures import write_figures
 
     title = " and ".join(run.label for run in comparison.runs)
     page = folder / "compare.html"
     write_whole(page, comparison_html(comparison, title).encode())
     stop = max(float(run.recording.time[-1]) for run in comparison.runs)
     rows = [_curves(comparison, name) for name in _figure_arrays(comparison)]
-    return [page, *write_figure(plot_rows(rows, title, folder / "compare", 0.0, stop, wide=True))]
+    return [page, *write_figures([plot_rows(rows, title, folder / "compare", 0.0, stop, wide=True)])]
 
 
 def comparison_html(comparison: Comparison, title: str) -> str:

@@ -1,19 +1,20 @@
 """A child process that draws the figures of a run: it imports the plotting library while the run steps.
 
-The child runs `serve`: it reads pickled plots from standard input and writes one byte to standard output when done.
+The child runs `serve`: it reads pickled plots from standard input and writes the files' contents, pickled, to standard
+output. It writes no file itself, so that it cannot write one after its run has been killed.
 """
 
 import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 
 from flexbeams.scenarios.processes.children import python_command, python_environment
 from flexbeams.scenarios.processes.interrupt import ignore_interrupts_in_children
 from flexbeams.scenarios.report.plots import Plot
 
-_DONE = b"."
 _PROGRAM = "from flexbeams.scenarios.report.figure_process import serve; serve()"
 
 
@@ -50,18 +51,21 @@ class FigureProcess:
         except OSError:  # the process has ended: wait draws
             pass
 
-    def wait(self) -> None:
-        """Waits for the files; raises the errors of writing them."""
+    def wait(self) -> dict[Path, bytes]:
+        """Waits for the contents of the files."""
         assert self._process.stdout is not None
-        if self._process.stdout.read(1) != _DONE:
-            from flexbeams.scenarios.report.figures import write_figures
+        try:
+            drawn: dict[Path, bytes] = pickle.load(self._process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            from flexbeams.scenarios.report.figures import drawn_figures
 
-            write_figures(self._plots)
+            return drawn_figures(self._plots)
+        return drawn
 
 
 def serve() -> None:
     """Draws one list of plots."""
-    from flexbeams.scenarios.report.figures import write_figures
+    from flexbeams.scenarios.report.figures import drawn_figures
 
-    write_figures(pickle.load(sys.stdin.buffer))
-    sys.stdout.buffer.write(_DONE)
+    drawn = drawn_figures(pickle.load(sys.stdin.buffer))
+    pickle.dump(drawn, sys.stdout.buffer)

@@ -20,22 +20,27 @@ _COLOURS = ("#2c8a3c", "#1f4fb4", "#c43131", "#8a5a00", "#6a3d9a", "#0e7c7b")
 
 
 def write_figures(plots: Iterable[Plot]) -> list[Path]:
-    """Draws the plots; returns the files."""
-    return [path for plot in plots for path in write_figure(plot)]
+    """Draws the plots and writes their files; returns these."""
+    drawn = drawn_figures(plots)
+    for path, content in drawn.items():
+        write_whole(path, content)
+    return list(drawn)
 
 
-def write_figure(plot: Plot) -> list[Path]:
-    """<stem>.png and <stem>.svg; same plot, same bytes."""
+def drawn_figures(plots: Iterable[Plot]) -> dict[Path, bytes]:
+    """The files <stem>.png and <stem>.svg of each plot; same plot, same bytes."""
+    return {path: content for plot in plots for path, content in _drawn(plot).items()}
+
+
+def _drawn(plot: Plot) -> dict[Path, bytes]:
     canvas = draw(plot)
-    written = []
+    files = {}
     for kind in ("png", "svg"):
         buffer = io.BytesIO()
         with matplotlib.rc_context({"svg.hashsalt": "flexbeams", "svg.fonttype": "none"}):
             canvas.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
-        path = plot.stem.with_name(f"{plot.stem.name}.{kind}")
-        write_whole(path, buffer.getvalue())
-        written.append(path)
-    return written
+        files[plot.stem.with_name(f"{plot.stem.name}.{kind}")] = buffer.getvalue()
+    return files
 
 
 def draw(plot: Plot) -> Figure:

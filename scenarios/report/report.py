@@ -1,11 +1,9 @@
 """report.html: one self-contained page about a run."""
 
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.design import Design
-from flexbeams.plant.archive import write_whole
 from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
@@ -15,13 +13,6 @@ from flexbeams.scenarios.results.display import check_limits, limits, number, ve
 from flexbeams.scenarios.results.run import Run
 
 _TIMING = {"steps": "steps", "wall_s": "stepping loop, s", "real_time_factor": "times real time"}
-
-
-def write_report(run: Run, folder: Path) -> Path:
-    """Writes report.html of a complete run."""
-    path = folder / "report.html"
-    write_whole(path, report_html(run).encode())
-    return path
 
 
 def report_html(run: Run) -> str:

@@ -16,12 +16,10 @@ import re
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Format
@@ -60,8 +58,8 @@ def require_formats(formats: Sequence[Format]) -> None:
         raise InputError("--format", "parquet needs the package pyarrow (pip install 'flexbeams[formats]')")
 
 
-def write_parquet(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
-    """Writes one file with a column of doubles for the time and for each signal."""
+def parquet_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
+    """A file with a column of doubles for the time and for each signal."""
     import pyarrow
     import pyarrow.parquet
 
@@ -72,11 +70,11 @@ def write_parquet(path: Path, recording: Recording, summary: dict[str, Any]) -> 
     )
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(table, buffer)
-    write_whole(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
-def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None:
-    """Writes one MAT file of version 5; InputError where an array is too large for that format."""
+def mat_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
+    """A MAT file of version 5; InputError where an array is too large for that format."""
     from scipy.io import savemat
 
     structs, columns = _structs(recording)
@@ -86,7 +84,6 @@ def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None
             "",
             "must have arrays of less than 2 GiB in a MAT file of version 5 (use --decimate or --format parquet)",
             f"{largest / 2**30:.1f} GiB",
-            source=str(path),
         )
     buffer = io.BytesIO()
     savemat(
@@ -100,8 +97,7 @@ def write_mat(path: Path, recording: Recording, summary: dict[str, Any]) -> None
         long_field_names=True,
         do_compression=True,
     )
-    content = b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # in place of the date
-    write_whole(path, content)
+    return b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # in place of the date
 
 
 def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, Any]]]:

@@ -34,15 +34,28 @@ class Run:
 
 
 def run_summary(
-    name: str, scenario: Scenario, design_id: str, settings: Settings, recording: Recording, outcomes: list[Outcome]
+    name: str,
+    scenario: Scenario,
+    design_id: str,
+    settings: Settings,
+    recording: Recording,
+    outcomes: list[Outcome],
+    *,
+    step: float,
+    changed: dict[str, Any],
 ) -> dict[str, Any]:
-    """Content of summary.json; `design_id` is empty for units without a design."""
+    """Content of summary.json; `design_id` is empty for units without a design, `step` in s, `changed` as from
+    changed_settings."""
     summary: dict[str, Any] = {
         "scenario": name,
         "title": scenario.title,
         "design_id": design_id,
         "coupling": scenario.coupling,
         "backend": settings.backend,
+        "structure": settings.structure or scenario.structure,
+        "step": step,
+        "stop_time": scenario.stop_time,
+        "settings": changed,
         "complete": recording.complete,
         "decimate": recording.decimate,
         "set": settings.overrides,

@@ -3,43 +3,64 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbeams.plant.archive import remove_file
 from flexbeams.scenarios.definition.choices import Format
+from flexbeams.scenarios.definition.schema import Figure
 from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
-from flexbeams.scenarios.results.files import write_results
+from flexbeams.scenarios.results.files import json_values, write_formats
+from flexbeams.scenarios.results.folder import SUMMARY, ResultFolder
 from flexbeams.scenarios.results.run import Run
+
+REPORT = "report.html"
+
+
+def file_names(figures: Sequence[Figure], report: bool, formats: Sequence[Format]) -> list[str]:
+    """Names of the files that a run writes."""
+    drawn = [f"{figure.file}.{kind}" for figure in figures for kind in ("png", "svg")]
+    return [SUMMARY, *(f"results.{kind}" for kind in formats), *([REPORT] if report else []), *drawn]
 
 
 def write_run(
+    run: Run, path: Path, *, figures: bool = True, report: bool = True, formats: Sequence[Format] = ("csv",)
+) -> None:
+    """Writes the files of a run into the folder `path`; InputError for a file in the way that no earlier run wrote."""
+    with ResultFolder(path) as folder:
+        folder.require_free(file_names(run.scenario.figure if figures else [], report, formats))
+        write_files(run, folder, figures=figures, report=report, formats=formats)
+
+
+def write_files(
     run: Run,
-    folder: Path,
+    folder: ResultFolder,
     *,
     figures: bool = True,
     report: bool = True,
     formats: Sequence[Format] = ("csv",),
     figure_process: FigureProcess | None = None,
 ) -> None:
-    """Writes results.csv (or other formats), summary.json, the scenario's figures and report.html.
+    """Writes results.csv (or other formats), the scenario's figures, report.html and summary.json.
 
-    Report, figures, and results in other formats, of an earlier run are removed. Incomplete runs have neither report
-    nor figures, packages no report. Figures are drawn by the process if there is one. Raises InputError for a file that
-    cannot be written.
+    Incomplete runs have neither report nor figures, packages no report. Figures are drawn by the process if there is
+    one. Raises InputError for a file that cannot be written.
     """
-    for name in ("report.html", *(f"{f.file}.{kind}" for f in run.scenario.figure for kind in ("png", "svg"))):
-        remove_file(folder / name)
-    complete = run.recording.complete
-    plots = figure_plots(run.scenario, run.recording, folder, run.open_loop) if figures and complete else []
+    complete, summary = run.recording.complete, json_values(run.summary)
+    folder.begin({key: summary[key] for key in ("scenario", "settings")})
+    plots = figure_plots(run.scenario, run.recording, folder.path, run.open_loop) if figures and complete else []
     if plots and figure_process:
         figure_process.start(plots)
-    write_results(folder, run.recording, run.summary, formats)
+    write_formats(folder, run.recording, summary, formats)
     if report and complete and run.design is not None:
-        from flexbeams.scenarios.report.report import write_report
+        from flexbeams.scenarios.report.report import report_html
 
-        write_report(run, folder)
+        folder.write(folder.path / REPORT, report_html(run).encode("utf-8", "replace"))
     if plots and figure_process:
-        figure_process.wait()
+        drawn = figure_process.wait()
     elif plots:
-        from flexbeams.scenarios.report.figures import write_figures
+        from flexbeams.scenarios.report.figures import drawn_figures
 
-        write_figures(plots)
+        drawn = drawn_figures(plots)
+    else:
+        drawn = {}
+    for path, content in drawn.items():
+        folder.write(path, content)
+    folder.finish(summary)

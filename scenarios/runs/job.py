@@ -7,14 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.design import Design
+from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile, load_scenario
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.checks import Outcome
+from flexbeams.scenarios.results.files import json_values
+from flexbeams.scenarios.results.folder import ResultFolder
 from flexbeams.scenarios.results.run import Run
-from flexbeams.scenarios.runs.files import write_run
+from flexbeams.scenarios.runs.files import file_names, write_files
 from flexbeams.scenarios.runs.observer import SILENT, Observer
 from flexbeams.scenarios.runs.package import ExtractedPackage, extracted_package, run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
@@ -34,11 +38,25 @@ class Job:
     formats: Sequence[Format] = ("csv",)
     figures: bool = True
     report: bool = True
+    named_folder: bool = True  # by --out
 
     @property
     def name(self) -> str:
         """The experiment's name."""
         return self.experiment.name
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """The settings with which the run differs from its scenario."""
+        scenario = self.experiment.scenario if isinstance(self.experiment, ScenarioFile) else None
+        return changed_settings(self.settings, scenario)
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the files that it writes."""
+        scenario = self.experiment.scenario if isinstance(self.experiment, ScenarioFile) else None
+        figures = scenario.figure if scenario is not None and self.figures else []
+        return file_names(figures, self.report and scenario is not None, self.formats)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,16 +108,21 @@ def run_experiment(
 def run_job(
     job: Job, observer: Observer, designs: Sequence[Design] = (), figure_process: FigureProcess | None = None
 ) -> JobResult:
-    """Runs a job in this process and writes its files; raises FlexbeamsError where the run cannot start."""
-    run = run_experiment(job.experiment, job.settings, observer, designs)
-    write_run(
-        run,
-        job.folder,
-        figures=job.figures,
-        report=job.report,
-        formats=job.formats,
-        figure_process=figure_process,
-    )
+    """Runs a job in this process and writes its files.
+
+    Raises FlexbeamsError where the run cannot start, or its files cannot be written without harm to others.
+    """
+    with ResultFolder(job.folder) as folder:
+        _require_own(job, folder.require_free(job.files), observer)
+        run = run_experiment(job.experiment, job.settings, observer, designs)
+        write_files(
+            run,
+            folder,
+            figures=job.figures,
+            report=job.report,
+            formats=job.formats,
+            figure_process=figure_process,
+        )
     status, message = _verdict(run, job.folder)
     return JobResult(
         name=run.name,
@@ -110,6 +133,18 @@ def run_job(
         timing=run.summary["timing"],
         message=message,
     )
+
+
+def _require_own(job: Job, earlier: dict[str, Any], observer: Observer) -> None:
+    """A run of another scenario or with other settings is replaced in a folder that was named only, with a note."""
+    before = (earlier.get("scenario"), earlier.get("settings"))
+    if not earlier or before == (job.name, json_values(job.changed)):
+        return
+    changes = ", ".join(f"{key} {value}" for key, value in (before[1] or {}).items()) or "its own settings"
+    held = f"a run of {before[0]} with {changes}"
+    if not job.named_folder:
+        raise InputError("", f"holds {held}; choose another folder with --out", source=str(job.folder))
+    observer.notify(f"{job.folder}: replaces {held}")
 
 
 def _verdict(run: Run, folder: Path) -> tuple[int, str]:

@@ -11,6 +11,7 @@ from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
 from flexbeams.scenarios.definition.settings import Settings, start_values
+from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.package import Package
 from flexbeams.scenarios.importing.ssp import open_package
@@ -58,6 +59,7 @@ def run_package(file: Path | ExtractedPackage, settings: Settings, observer: Obs
     files = {name: component.fmu for name, component in file.package.components.items()}
     recording = execute(prepared, files, observer, replace(file.budget))
     ids = {str(v.start) for d in file.descriptions.values() for v in d.modelVariables if v.name == "design_id"}
+    changed = changed_settings(prepared.settings)
     return Run(
         name=file.name,
         description=file.package.description,
@@ -66,7 +68,16 @@ def run_package(file: Path | ExtractedPackage, settings: Settings, observer: Obs
         design=None,
         recording=recording,
         outcomes=[],
-        summary=run_summary(file.name, prepared.scenario, "".join(ids), prepared.settings, recording, []),
+        summary=run_summary(
+            file.name,
+            prepared.scenario,
+            "".join(ids),
+            prepared.settings,
+            recording,
+            [],
+            step=prepared.step,
+            changed=changed,
+        ),
     )
 
 

@@ -7,6 +7,7 @@ from flexbeams.controller.design import Design
 from flexbeams.fmus.packaging.build import ensure_units
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile, load_scenario
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.run import Run, run_summary
 from flexbeams.scenarios.runs.execution import execute
@@ -34,6 +35,7 @@ def run_prepared(prepared: PreparedScenario, observer: Observer = SILENT) -> Run
     open_loop = None if prepared.open_loop is None else _run_open_loop(prepared.open_loop, observer)
     recording = execute(prepared, unit_files(prepared, observer.notify), observer)
     scenario, design, name = prepared.scenario, prepared.design, prepared.file.name
+    changed = changed_settings(prepared.settings, prepared.file.scenario)
     outcomes = Measurement(scenario, prepared.source, recording, open_loop).outcomes() if recording.complete else []
     return Run(
         name=name,
@@ -44,7 +46,16 @@ def run_prepared(prepared: PreparedScenario, observer: Observer = SILENT) -> Run
         recording=recording,
         open_loop=open_loop,
         outcomes=outcomes,
-        summary=run_summary(name, scenario, design.design_id, prepared.settings, recording, outcomes),
+        summary=run_summary(
+            name,
+            scenario,
+            design.design_id,
+            prepared.settings,
+            recording,
+            outcomes,
+            step=prepared.step,
+            changed=changed,
+        ),
     )
 
 

@@ -169,24 +169,23 @@ def test_drawn_beside_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     with FigureProcess() as beside:
         beside.start(figure_plots(scenario(figure), recording(), second))
         with monkeypatch.context() as patch:  # the caller draws nothing here
-            patch.delattr("flexbeams.scenarios.report.figures.write_figures")
-            beside.wait()
+            patch.delattr("flexbeams.scenarios.report.figures.drawn_figures")
+            drawn = beside.wait()
     with FigureProcess() as lost:
         lost._process.kill()
         lost._process.wait()
         lost.start(figure_plots(scenario(figure), recording(), third))
-        lost.wait()
+        again = lost.wait()
+    assert len(files) == len(drawn) == 2
     for file in files:
-        assert file.read_bytes() == (second / file.name).read_bytes() == (third / file.name).read_bytes()
+        assert file.read_bytes() == drawn[second / file.name] == again[third / file.name]
 
 
 def test_figure_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     plots = figure_plots(scenario(Figure(file="a", rows=[["plant.u"]])), recording(), tmp_path / "file" / "folder")
-    with FigureProcess() as beside:
-        beside.start(plots)
-        with pytest.raises(InputError, match="cannot be written: Not a directory"):
-            beside.wait()
+    with pytest.raises(InputError, match="cannot be written: Not a directory"):
+        write_figures(plots)
 
 
 @pytest.mark.parametrize("name", ["step_response", "tracking", "disturbance", "five_beams"])

@@ -15,7 +15,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results import formats
 from flexbeams.scenarios.results.files import read_results, write_results
-from flexbeams.scenarios.results.formats import matlab_names, require_formats, write_mat, write_parquet
+from flexbeams.scenarios.results.formats import mat_bytes, matlab_names, parquet_bytes, require_formats
 from flexbeams.scenarios.simulation.recording import Recording
 from tests.units.lag_interface import lag_unit
 
@@ -41,7 +41,7 @@ def recording() -> Recording:
 
 def test_parquet_holds_the_columns_of_the_csv(tmp_path: Path, recording: Recording) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    write_parquet(tmp_path / "results.parquet", recording, SUMMARY)
+    (tmp_path / "results.parquet").write_bytes(parquet_bytes(recording, SUMMARY))
     table = parquet.read_table(tmp_path / "results.parquet")
     assert table.column_names == ["time", *COLUMNS]
     np.testing.assert_array_equal(
@@ -51,7 +51,7 @@ def test_parquet_holds_the_columns_of_the_csv(tmp_path: Path, recording: Recordi
 
 
 def test_mat_holds_a_struct_for_each_instance(tmp_path: Path, recording: Recording) -> None:
-    write_mat(tmp_path / "results.mat", recording, SUMMARY)
+    (tmp_path / "results.mat").write_bytes(mat_bytes(recording, SUMMARY))
     file = loadmat(tmp_path / "results.mat", simplify_cells=False)
     np.testing.assert_array_equal(file["time"], recording.time[:, None])
     plant = file["plant"][0, 0]
@@ -71,9 +71,9 @@ def test_mat_holds_a_struct_for_each_instance(tmp_path: Path, recording: Recordi
 def test_mat_files_of_one_recording_are_equal(
     tmp_path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_mat(tmp_path / "a.mat", recording, SUMMARY)
+    (tmp_path / "a.mat").write_bytes(mat_bytes(recording, SUMMARY))
     monkeypatch.setattr("time.asctime", lambda *_: "another day")
-    write_mat(tmp_path / "b.mat", recording, SUMMARY)
+    (tmp_path / "b.mat").write_bytes(mat_bytes(recording, SUMMARY))
     assert (tmp_path / "a.mat").read_bytes() == (tmp_path / "b.mat").read_bytes()
 
 
@@ -96,8 +96,9 @@ def test_arrays_beyond_a_mat_file_are_refused(
 ) -> None:
     monkeypatch.setattr(formats, "_MAX_ARRAY_BYTES", 2 * 7 * 8 - 1)
     with pytest.raises(InputError, match=r"results.mat: must have arrays of less than 2 GiB .*--decimate"):
-        write_mat(tmp_path / "results.mat", recording, SUMMARY)
-    assert not list(tmp_path.iterdir())
+        write_results(tmp_path, recording, SUMMARY, ["mat"])
+    assert [p.name for p in tmp_path.iterdir()] == ["summary.json"]
+    assert json.loads((tmp_path / "summary.json").read_text())["unfinished"]
 
 
 def test_a_missing_package_is_named(

@@ -115,5 +115,5 @@ def test_folder_and_archive_hold_the_same(
     taken.write_text("")
     assert main([*arguments, str(taken)]) == 2
     assert "--out must be a folder, or FILE.zip, got" in capsys.readouterr().err
-    assert main(["export", "tracking", "-o", str(tmp_path)]) == 2
+    assert main(["export", "tracking", "--format", "ssp", "-o", str(tmp_path)]) == 2
     assert "must be a regular file or a new path" in capsys.readouterr().err

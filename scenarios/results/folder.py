@@ -1,0 +1,129 @@
+"""A folder of results: one run writes into it at a time, and replaces only what an earlier run wrote there.
+
+summary.json lists the files of a run with their SHA-256 hashes. While a run writes, it says so and lists both the files
+that are being replaced and the new ones: the files of a run that was killed are known to the next one.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from importlib.metadata import version
+from os.path import lexists
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from flexbeams.plant.archive import remove_file, write_whole
+from flexbeams.plant.errors import InputError
+from flexbeams.plant.locks import Lock
+
+SUMMARY = "summary.json"
+SCHEMA_VERSION = 1  # of summary.json
+
+
+class ResultFolder:
+    """The folder `path`, created and locked; a context manager that releases it.
+
+    Raises InputError for a folder that cannot be written to, or that another run writes to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            rule = f"cannot be made a folder for results: {error.strerror}"
+            raise InputError("", rule, source=str(path)) from None
+        self._lock: Lock | None = None
+        with suppress(OSError):  # a file system without locks
+            self._lock = Lock(path)
+        if self._lock is not None and not self._lock.held:
+            raise InputError("", "is in use by another run; wait for it, or use --out", source=str(path))
+        self._earlier: dict[str, str] = {}  # files of an earlier run with their hashes
+        self._files: dict[str, str] = {}
+        self._head: dict[str, Any] = {}
+
+    def __enter__(self) -> "ResultFolder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def require_free(self, names: Iterable[str]) -> dict[str, Any]:
+        """The summary of an earlier run, empty without one; InputError where a file is in the way.
+
+        Files of these names, and those that the earlier run lists, must be as that run wrote them.
+        """
+        summary = self._read_summary()
+        replaced, written = summary.get("replaced", {}), summary.get("files", {})
+        listed = [name for name in {**replaced, **written} if Path(name).name == name]
+        for name in dict.fromkeys([*names, *listed]):
+            path = self.path / name
+            if name == SUMMARY or not lexists(path):
+                continue
+            if name not in listed:
+                rule = "is in the way and was not written by flexbeams; move it, or choose another folder with --out"
+                raise InputError("", rule, source=str(path))
+            self._earlier[name] = _hash(path.read_bytes()) if path.is_file() else ""
+            if self._earlier[name] not in (replaced.get(name), written.get(name)):
+                rule = "is in the way and was changed after a run wrote it; move it, or use --out"
+                raise InputError("", rule, source=str(path))
+        return summary
+
+    def begin(self, head: Mapping[str, Any]) -> None:
+        """Marks the folder as being written to by a run; `head` are entries of its summary."""
+        self._head = dict(head)
+        self._write_claim()
+
+    def write(self, path: Path, content: bytes) -> None:
+        """Writes a file of the run into the folder."""
+        self._files[path.name] = _hash(content)
+        self._write_claim()
+        write_whole(path, content)
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Removes files of the earlier run that this one does not have, and writes summary.json."""
+        for name in self._earlier:
+            if name not in self._files:
+                remove_file(self.path / name)
+        self._write_summary({**_stamp(), **summary, "files": self._files})
+
+    def _write_claim(self) -> None:
+        lists = {"replaced": self._earlier, "files": self._files}
+        self._write_summary({**_stamp(), **self._head, "complete": False, "unfinished": True, **lists})
+
+    def _write_summary(self, summary: Mapping[str, Any]) -> None:
+        write_whole(self.path / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())
+
+    def _read_summary(self) -> dict[str, Any]:
+        path = self.path / SUMMARY
+        try:
+            summary = json.loads(path.read_bytes())
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, RecursionError):
+            summary = None
+        if not isinstance(summary, dict) or not _is_ours(summary):
+            rule = "is in the way and not that of a run of this version; move it, or choose another folder with --out"
+            raise InputError("", rule, source=str(path))
+        return summary
+
+
+def _stamp() -> dict[str, Any]:
+    return {"schema_version": SCHEMA_VERSION, "flexbeams": version("flexbeams")}
+
+
+def _is_ours(summary: dict[str, Any]) -> bool:
+    tables = (summary.get("files"), summary.get("replaced", {}))
+    return "flexbeams" in summary and all(
+        isinstance(table, dict) and all(isinstance(content_hash, str) for content_hash in table.values())
+        for table in tables
+    )
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
