@@ -252,13 +252,16 @@ def test_validate_tells_what_is_wrong(tmp_path: Path, workshop: Workshop, capsys
 def test_run_writes_where_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By default results/<scenario>; the scenario's name is that of the file."""
+    """By default results/<scenario>, and what differs; the scenario's name is that of the file."""
     monkeypatch.chdir(tmp_path)
     shutil.copyfile(scenario_files()["single_beam"], tmp_path / "mine.toml")
     assert main(["run", "mine.toml", "--stop-time", "0.1", "--no-figures", "--no-report"]) == 0
-    assert sorted(p.name for p in (tmp_path / "results" / "mine").iterdir()) == ["results.csv", "summary.json"]
-    assert "; results in results/mine" in capsys.readouterr().out.replace(os.sep, "/")
-    assert json.loads((tmp_path / "results/mine/summary.json").read_text())["scenario"] == "mine"
+    assert sorted(p.name for p in (tmp_path / "results" / "mine-stop_time=0.1").iterdir()) == [
+        "results.csv",
+        "summary.json",
+    ]
+    assert "; results in results/mine-stop_time=0.1" in capsys.readouterr().out.replace(os.sep, "/")
+    assert json.loads((tmp_path / "results/mine-stop_time=0.1/summary.json").read_text())["scenario"] == "mine"
 
 
 @pytest.mark.native

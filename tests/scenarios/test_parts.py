@@ -174,7 +174,7 @@ def test_flags_as_real(tmp_path: Path) -> None:
     ],
 )
 def test_mistakes(arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", "tracking", *arguments, "-o", str(tmp_path / "x")]) == 2
+    assert main(["export", "tracking", *arguments, "-o", str(tmp_path / "x.fmu")]) == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
