@@ -19,16 +19,11 @@ FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-Wall", "-Wextra", "-Wp
 class Platform:
     """One kind of machine that a unit can carry a binary for."""
 
-    name: str  # of its folder in FMI 3 and newer importers: x86_64-linux
+    name: str  # CPU and system, as FMI 3.0 names its folder: x86_64-linux
     target: str  # zig's, with the oldest system that the binary runs on
     suffix: str  # of a shared library
-    fmi2_folder: str | None  # FMI 2.0's folder name, where it has one
+    fmi2_folder: str  # FMI 2.0's folder, which names no CPU
     flags: tuple[str, ...]
-
-    @property
-    def folders(self) -> tuple[str, ...]:
-        """Where the binary goes in the unit."""
-        return (self.name,) if self.fmi2_folder is None else (self.fmi2_folder, self.name)
 
 
 _ELF = ("-fPIC", "-fvisibility=hidden", "-Wl,--build-id=none", "-Wl,-z,relro,-z,now")
@@ -37,12 +32,16 @@ PLATFORMS = {
     p.name: p
     for p in (
         Platform(name="x86_64-linux", target="x86_64-linux-gnu.2.17", suffix=".so", fmi2_folder="linux64", flags=_ELF),
-        Platform(name="aarch64-linux", target="aarch64-linux-gnu.2.17", suffix=".so", fmi2_folder=None, flags=_ELF),
+        Platform(
+            name="aarch64-linux", target="aarch64-linux-gnu.2.17", suffix=".so", fmi2_folder="linux64", flags=_ELF
+        ),
         Platform(name="x86_64-windows", target="x86_64-windows-gnu", suffix=".dll", fmi2_folder="win64", flags=()),
         Platform(
             name="x86_64-darwin", target="x86_64-macos.11.0", suffix=".dylib", fmi2_folder="darwin64", flags=_MACH
         ),
-        Platform(name="aarch64-darwin", target="aarch64-macos.11.0", suffix=".dylib", fmi2_folder=None, flags=_MACH),
+        Platform(
+            name="aarch64-darwin", target="aarch64-macos.11.0", suffix=".dylib", fmi2_folder="darwin64", flags=_MACH
+        ),
     )
 }
 

@@ -15,9 +15,11 @@ from flexbeams.fmus.documents.picture import model_picture
 from flexbeams.fmus.documents.terminals import PATH as TERMINALS
 from flexbeams.fmus.documents.terminals import terminals_document
 from flexbeams.fmus.interface.variables import Interface
+from flexbeams.fmus.packaging.binaries import binary_entries
 from flexbeams.fmus.packaging.c_tables import unit_tables
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
 from flexbeams.fmus.packaging.single_file import single_file
+from flexbeams.fmus.packaging.version_resource import version_resource
 from flexbeams.fmus.units.kind import UnitKind, with_real_flags
 from flexbeams.fmus.units.native_kernel import NATIVE, UnitData
 from flexbeams.plant.archive import write_whole, zip_bytes
@@ -79,14 +81,14 @@ def build_native_units(
             for target in targets:
                 folder = temporary / f"{k}-{target.name}"
                 folder.mkdir()
-                binaries[target] = pool.submit(_compiled, unit, sources, folder, target, tool)
+                version = attributes.get("version", "")
+                binaries[target] = pool.submit(_compiled, unit, sources, folder, target, tool, version)
             jobs.append((unit, sources, description, binaries))
         for unit, sources, description, binaries in jobs:
             entries = {"modelDescription.xml": description, **_documents(unit), **unit.extra}
             entries |= {f"sources/{name}": content for name, content in sources.items()}
-            for target, binary in binaries.items():
-                for folder_name in target.folders:
-                    entries[f"binaries/{folder_name}/{unit.interface.unit_name}{target.suffix}"] = binary.result()
+            compiled = {target: binary.result() for target, binary in binaries.items()}
+            entries |= binary_entries(unit.interface.unit_name, compiled)
             write_whole(unit.out, zip_bytes(entries))
     return [unit.out for unit in units]
 
@@ -119,13 +121,19 @@ def compiled_file(unit: str) -> str:
     return f"{unit}.c"
 
 
-def _compiled(unit: NativeUnit, sources: Mapping[str, bytes], folder: Path, target: Platform, tool: Compiler) -> bytes:
+def _compiled(
+    unit: NativeUnit, sources: Mapping[str, bytes], folder: Path, target: Platform, tool: Compiler, version: str
+) -> bytes:
     """The shared library, whose functions have FMI's plain names."""
     for file, content in sources.items():
         (folder / file).write_bytes(content)
     name = unit.interface.unit_name
     library = folder / f"{name}{target.suffix}"
-    tool.build(library, [folder / compiled_file(name)], [HEADERS], target, ["FMI2_OVERRIDE_FUNCTION_PREFIX"])
+    files = [folder / compiled_file(name)]
+    if tool.is_zig and target.suffix == ".dll":
+        files.append(folder / f"{name}.rc")
+        files[-1].write_text(version_resource(unit.interface, library.name, version))
+    tool.build(library, files, [HEADERS], target, ["FMI2_OVERRIDE_FUNCTION_PREFIX"])
     return library.read_bytes()
 
 

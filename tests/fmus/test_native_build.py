@@ -1,6 +1,7 @@
 """Building native units: what is in them, compilers, platforms, equal bytes."""
 
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -20,11 +21,13 @@ from lxml import etree
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging import compilers
+from flexbeams.fmus.packaging.binaries import binary_entries
 from flexbeams.fmus.packaging.c_tables import panels
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
 from flexbeams.fmus.packaging.native import HEADERS, build_native_units, unit_sources
 from flexbeams.fmus.units.native_kernel import NATIVE
 from tests.helpers import ROOT, STRUCTURES, UNITS, Workshop, design_of
+from tests.native.mach_o import ARM64, LINKER_NAMES, X86_64, read_library, universal
 from tests.native.workshop import (
     FUNCTIONS,
     HARNESSES,
@@ -116,7 +119,7 @@ def test_contents_of_a_unit(unit: str) -> None:
     assert listed == [Path(n).name for n in names if n.endswith(".c")]  # some tools compile all that they find
     assert [n for n in names if n.endswith(".h")] == [f"sources/{unit}_tables.h"]  # those of FMI are the tool's
     host = host_platform()
-    binaries = sorted(f"binaries/{folder}/{unit}{host.suffix}" for folder in host.folders)
+    binaries = sorted(f"binaries/{folder}/{unit}{host.suffix}" for folder in (host.name, host.fmi2_folder))
     assert [n for n in names if n.startswith("binaries/")] == binaries
     assert {n.split("/")[0] for n in names} == {
         "binaries",
@@ -183,6 +186,13 @@ def test_c_files_are_formatted() -> None:
     run(["clang-format", "--dry-run", "-Werror", *map(str, files)])
 
 
+def glibc_versions(library: Path) -> set[tuple[int, ...]]:
+    """Versions of the C library whose functions a library needs."""
+    lines = run(["readelf", "--dyn-syms", "--wide", str(library)]).splitlines()
+    texts = {line.rsplit("GLIBC_", 1)[1].split(")")[0].split()[0] for line in lines if "GLIBC_" in line}
+    return {tuple(map(int, text.split("."))) for text in texts}
+
+
 @needs_zig
 @needs("nm")
 @on_linux
@@ -195,12 +205,7 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
     dynamic = run(["readelf", "-d", "--wide", str(library)])
     needed = {line.split("[")[1].rstrip("]") for line in dynamic.splitlines() if "NEEDED" in line}
     assert {"libc.so.6"} <= needed <= {"libc.so.6", "libm.so.6"}
-    versions = {
-        line.rsplit("GLIBC_", 1)[1].split(")")[0].split()[0]
-        for line in run(["readelf", "--dyn-syms", "--wide", str(library)]).splitlines()
-        if "GLIBC_" in line
-    }
-    assert all(tuple(map(int, version.split("."))) <= (2, 17) for version in versions)
+    assert max(glibc_versions(library)) <= (2, 17)
     if shutil.which("gcc"):
         run(["gcc", "-std=c99", "-O2", "-fno-pic", f"-I{HEADERS}", "-c", str(source_file(unit))], cwd=tmp_path)
         symbols = run(["nm", *map(str, tmp_path.glob("*.o"))])
@@ -212,9 +217,14 @@ def test_a_library_shows_nothing_but_fmi(unit: str, tmp_path: Path) -> None:
 def everywhere() -> Path:
     """A unit with binaries for all platforms."""
     out = workspace() / "all" / "TrackingController.fmu"
-    build_native_units([native_unit("TrackingController", design_of(), out)], ["all"])
+    build_native_units([native_unit("TrackingController", design_of(), out)], ["all"], version="1.2.3.dev4")
     fmpy.extract(str(out), unzipdir=str(out.with_suffix("")))
     return out.with_suffix("")
+
+
+def library(unit: Path, platform: str) -> Path:
+    """The controller's library in the extracted unit."""
+    return unit / "binaries" / platform / f"TrackingController{PLATFORMS[platform].suffix}"
 
 
 @needs_zig
@@ -232,12 +242,7 @@ def test_all_platforms(everywhere: Path) -> None:
         ["linux64", "win64", "darwin64", *PLATFORMS]
     )
     for name, (magic, place, machine) in starts.items():
-        contents = {
-            (everywhere / "binaries" / folder / f"TrackingController{PLATFORMS[name].suffix}").read_bytes()
-            for folder in PLATFORMS[name].folders
-        }
-        assert len(contents) == 1
-        content = contents.pop()
+        content = library(everywhere, name).read_bytes()
         assert content.startswith(magic)
         assert content[place : place + len(machine)] == machine
         assert b"flexbeams-" not in content  # the temporary folder
@@ -245,12 +250,43 @@ def test_all_platforms(everywhere: Path) -> None:
 
 
 @needs_zig
+def test_the_folders_without_cpu(everywhere: Path) -> None:
+    """linux64 has x86_64, and ARM where that is all; darwin64 has both, as they are."""
+    by_folder = {path.name: next(path.iterdir()).read_bytes() for path in (everywhere / "binaries").iterdir()}
+    assert by_folder["linux64"] == by_folder["x86_64-linux"]
+    assert by_folder["win64"] == by_folder["x86_64-windows"]
+    assert list(universal(by_folder["darwin64"])) == [X86_64, ARM64]
+    assert list(universal(by_folder["darwin64"]).values()) == [
+        by_folder[f"{cpu}-darwin"] for cpu in ("x86_64", "aarch64")
+    ]
+    for name, folder in (("aarch64-linux", "linux64"), ("aarch64-darwin", "darwin64"), ("x86_64-darwin", "darwin64")):
+        own, path = PLATFORMS[name], f"Unit{PLATFORMS[name].suffix}"
+        alone = binary_entries("Unit", {own: b"code", PLATFORMS["x86_64-windows"]: b"dll"})
+        assert alone == {
+            f"binaries/{name}/{path}": b"code",
+            f"binaries/{folder}/{path}": b"code",
+            "binaries/x86_64-windows/Unit.dll": b"dll",
+            "binaries/win64/Unit.dll": b"dll",
+        }
+
+
+@needs_zig
+@needs("readelf")
+def test_the_arm_library(everywhere: Path) -> None:
+    """Needs glibc 2.17, the first for 64-bit ARM."""
+    assert glibc_versions(library(everywhere, "aarch64-linux")) == {(2, 17)}
+
+
+@needs_zig
 @needs("objdump")
 def test_the_windows_library(everywhere: Path) -> None:
-    """Exports FMI alone, imports the C runtime of Windows alone."""
-    library = everywhere / "binaries" / "win64" / "TrackingController.dll"
+    """Exports FMI alone, imports the C runtime of Windows 10 alone, says which version it is."""
+    dll = library(everywhere, "x86_64-windows")
+    content = dll.read_bytes()
+    assert all(text.encode("utf-16-le") in content for text in ("FileVersion\0", "1.2.3.dev4\0", f"{dll.name}\0"))
+    assert b"\xbd\x04\xef\xfe" + struct.pack("<5I", 1 << 16, 1 << 16 | 2, 3 << 16, 1 << 16 | 2, 3 << 16) in content
     try:
-        text = run(["objdump", "-p", str(library)])
+        text = run(["objdump", "-p", str(dll)])
     except AssertionError:
         pytest.skip("this objdump does not read Windows libraries")
     table = text.split("[Ordinal/Name Pointer] Table")[1].strip().split("\n\n")[0]
@@ -258,16 +294,18 @@ def test_the_windows_library(everywhere: Path) -> None:
     needed = [line.split("DLL Name: ")[1].lower() for line in text.splitlines() if "DLL Name" in line]
     assert needed
     assert all(name.startswith(("api-ms-win-crt-", "kernel32")) for name in needed)
+    versions = dict(line.split()[:2] for line in text.splitlines() if line.startswith(("Major", "Minor")))
+    assert max(int(versions["MajorOSystemVersion"]), int(versions["MajorSubsystemVersion"])) <= 10
 
 
 @needs_zig
-@pytest.mark.skipif(not any(map(shutil.which, ("llvm-nm", "llvm-nm-14"))), reason="not installed: llvm-nm")
-@pytest.mark.parametrize("folder", ["x86_64-darwin", "aarch64-darwin"])
-def test_the_mac_libraries(everywhere: Path, folder: str) -> None:
-    nm = shutil.which("llvm-nm") or "llvm-nm-14"
-    library = everywhere / "binaries" / folder / "TrackingController.dylib"
-    shown = [line.split()[-1] for line in run([nm, "-g", "--defined-only", str(library)]).splitlines()]
-    assert sorted(name.removeprefix("_") for name in shown if not name.startswith("__")) == FUNCTIONS
+@pytest.mark.parametrize("cpu", [X86_64, ARM64])
+def test_the_mac_libraries(everywhere: Path, cpu: int) -> None:
+    """Export FMI and the two names of all that zig links, from macOS 11 on; signed for ARM, which demands it."""
+    mac = read_library(universal((everywhere / "binaries/darwin64/TrackingController.dylib").read_bytes())[cpu])
+    assert (mac.cpu, mac.oldest_macos) == (cpu, (11, 0))
+    assert mac.exports == sorted([*(f"_{name}" for name in FUNCTIONS), *LINKER_NAMES])
+    assert mac.signed == (cpu == ARM64)
 
 
 @needs_zig

@@ -2,7 +2,6 @@
 
 import json
 import os
-import platform
 import shutil
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from flexbeams.fmus.packaging.native import HEADERS, build_native_units
+from flexbeams.fmus.packaging.native import HEADERS
 from flexbeams.fmus.units.native_kernel import NATIVE
 from tests.helpers import UNITS, design_of
 from tests.native.workshop import (
@@ -20,12 +19,9 @@ from tests.native.workshop import (
     INCLUDES,
     NATIVE_UNITS,
     STRICT,
-    ZIG,
     compiled,
     guid_of,
-    native_unit,
     needs,
-    needs_zig,
     run,
     source_file,
     workspace,
@@ -157,85 +153,3 @@ def test_names_of_the_functions(unit: str, headers: Path, flag: str, prefix: str
 def external_names(file: Path) -> list[str]:
     """What an object file defines for others."""
     return sorted(line.split()[-1] for line in run(["nm", "-g", "--defined-only", str(file)]).splitlines() if line)
-
-
-def trace(command: list[str], library: str, folder: Path, **options: object) -> np.ndarray:  # type: ignore[type-arg]
-    """What run_library prints for a unit's library."""
-    description = fmpy.read_model_description(folder)
-    inputs = [v.valueReference for v in description.modelVariables if v.causality == "input"]
-    reals = [v.valueReference for v in description.modelVariables if v.type == "Real"]
-    listed = [",".join(map(str, references)) for references in (inputs, reals)]
-    text = run([*command, library, description.guid, "500", "2e-4", *listed], **options)
-    return np.array([line.split() for line in text.splitlines()], dtype=float)
-
-
-@pytest.fixture(scope="module")
-def foreign() -> dict[str, Path]:
-    """The folders of units with binaries for this machine, 64-bit ARM and Windows, and run_library for each."""
-    folder = workspace() / "foreign"
-    names = ("x86_64-linux", "aarch64-linux", "x86_64-windows")
-    units = [native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in NATIVE_UNITS]
-    build_native_units(units, names)
-    places = {}
-    for unit in NATIVE_UNITS:
-        fmpy.extract(str(folder / f"{unit}.fmu"), unzipdir=str(folder / unit))
-        places[unit] = folder / unit
-    for name, target, more in (
-        ("x86_64-linux", "x86_64-linux-gnu.2.17", ["-ldl"]),
-        ("aarch64-linux", "aarch64-linux-gnu.2.17", ["-ldl"]),
-        ("x86_64-windows", "x86_64-windows-gnu", []),
-    ):
-        places[name] = folder / f"{name}.exe"
-        run(
-            [
-                *ZIG,
-                "-target",
-                target,
-                "-mcpu=baseline",
-                "-O2",
-                "-std=c99",
-                "-Wall",
-                "-Werror",
-                f"-I{HEADERS}",
-                str(HARNESSES / "run_library.c"),
-                "-o",
-                str(places[name]),
-                *more,
-            ]
-        )
-    return places
-
-
-on_x86 = pytest.mark.skipif(
-    platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"
-)
-
-
-@needs_zig
-@on_x86
-@needs("qemu-aarch64")
-@pytest.mark.skipif(not Path("/usr/aarch64-linux-gnu/lib").is_dir(), reason="not installed: libc6-arm64-cross")
-@pytest.mark.parametrize("unit", NATIVE_UNITS)
-def test_arm_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None:
-    """Under qemu; to 1e-12, since the C libraries' exp and pow may differ in the last digit."""
-    own = trace([str(foreign["x86_64-linux"])], str(foreign[unit] / f"binaries/linux64/{unit}.so"), foreign[unit])
-    arm = trace(
-        ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu", str(foreign["aarch64-linux"])],
-        str(foreign[unit] / f"binaries/aarch64-linux/{unit}.so"),
-        foreign[unit],
-    )
-    assert own.shape[0] == 10
-    assert np.max(np.abs(own)) > 0
-    assert np.all(np.abs(arm - own) <= 1e-12 * np.maximum(np.max(np.abs(own), axis=0), 1e-300))
-
-
-@needs_zig
-@on_x86
-@needs("wine")
-@pytest.mark.parametrize("unit", NATIVE_UNITS)
-def test_windows_binaries_give_the_same(foreign: dict[str, Path], unit: str) -> None:
-    environment = os.environ | {"WINEPREFIX": str(workspace() / "wine"), "WINEDEBUG": "-all"}
-    own = trace([str(foreign["x86_64-linux"])], str(foreign[unit] / f"binaries/linux64/{unit}.so"), foreign[unit])
-    library = "Z:" + str(foreign[unit] / f"binaries/win64/{unit}.dll").replace("/", "\\")
-    windows = trace(["wine", str(foreign["x86_64-windows"])], library, foreign[unit], env=environment)
-    assert np.all(np.abs(windows - own) <= 1e-12 * np.maximum(np.max(np.abs(own), axis=0), 1e-300))

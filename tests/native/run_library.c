@@ -1,6 +1,7 @@
 /* Loads a unit's library as an importer does, on any platform, and prints the values of a run with all digits.
 
-   run_library LIBRARY GUID STEPS STEP INPUTS REALS: value references with commas between them */
+   run_library LIBRARY GUID STEPS STEP INPUTS REALS FILE [load]: value references with commas between them. Halfway the
+   state is written to FILE; with `load` the run begins there instead, with the state in FILE. */
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,6 +51,43 @@ static void check(fmi2Status status)
         exit(3);
 }
 
+static fmi2GetFMUstateTYPE *get_state;
+static fmi2SetFMUstateTYPE *set_state;
+static fmi2FreeFMUstateTYPE *free_state;
+static fmi2SerializedFMUstateSizeTYPE *state_size;
+static fmi2SerializeFMUstateTYPE *serialise;
+static fmi2DeSerializeFMUstateTYPE *deserialise;
+
+static void save_state(fmi2Component instance, const char *name)
+{
+    static fmi2Byte bytes[MOST * 64];
+    fmi2FMUstate state = NULL;
+    size_t size;
+    check(get_state(instance, &state));
+    check(state_size(instance, state, &size));
+    FILE *const file = fopen(name, "wb");
+    if (file == NULL || size > sizeof bytes)
+        exit(5);
+    check(serialise(instance, state, bytes, size));
+    check(free_state(instance, &state));
+    if (fwrite(bytes, 1, size, file) != size || fclose(file) != 0)
+        exit(5);
+}
+
+static void load_state(fmi2Component instance, const char *name)
+{
+    static fmi2Byte bytes[MOST * 64];
+    fmi2FMUstate state = NULL;
+    FILE *const file = fopen(name, "rb");
+    if (file == NULL)
+        exit(5);
+    const size_t size = fread(bytes, 1, sizeof bytes, file);
+    fclose(file);
+    check(deserialise(instance, bytes, size, &state));
+    check(set_state(instance, state));
+    check(free_state(instance, &state));
+}
+
 static size_t read_references(char *text, fmi2ValueReference *references)
 {
     size_t count = 0;
@@ -63,7 +101,7 @@ int main(int argc, char **argv)
     static fmi2ValueReference inputs[MOST];
     static fmi2ValueReference reals[MOST];
     static double values[MOST];
-    if (argc != 7)
+    if (argc != 8 && argc != 9)
         return 1;
     const fmi2CallbackFunctions callbacks = {.logger = log_line};
     const size_t steps = strtoul(argv[3], NULL, 10);
@@ -92,13 +130,24 @@ int main(int argc, char **argv)
     LOAD(get, "fmi2GetReal");
     LOAD(advance, "fmi2DoStep");
     LOAD(release, "fmi2FreeInstance");
+    LOAD(get_state, "fmi2GetFMUstate");
+    LOAD(set_state, "fmi2SetFMUstate");
+    LOAD(free_state, "fmi2FreeFMUstate");
+    LOAD(state_size, "fmi2SerializedFMUstateSize");
+    LOAD(serialise, "fmi2SerializeFMUstate");
+    LOAD(deserialise, "fmi2DeSerializeFMUstate");
     const fmi2Component instance = instantiate("a", fmi2CoSimulation, argv[2], NULL, &callbacks, 0, 0);
     if (instance == NULL)
         return 4;
     check(setup(instance, 0, 0.0, 0.0, 0, 0.0));
     check(enter(instance));
     check(leave(instance));
-    for (size_t k = 0; k < steps; k++) {
+    const size_t first = argc == 9 ? steps / 2 : 0;
+    if (first > 0)
+        load_state(instance, argv[7]);
+    for (size_t k = first; k < steps; k++) {
+        if (first == 0 && k == steps / 2)
+            save_state(instance, argv[7]);
         for (size_t i = 0; i < input_count; i++)
             values[i] = 1e-4 * (double)((int)((k / 100 + 2 * i) % 5) - 2);
         check(set(instance, inputs, input_count, values));

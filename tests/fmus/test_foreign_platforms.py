@@ -1,0 +1,126 @@
+"""Binaries for other platforms, under emulators, give the values of x86-64 Linux and take over each other's states."""
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from flexbeams.fmus.packaging.compilers import PLATFORMS
+from flexbeams.fmus.packaging.native import HEADERS, build_native_units
+from flexbeams.plant.basis import Array
+from tests.helpers import design_of
+from tests.native.workshop import HARNESSES, NATIVE_UNITS, ZIG, native_folder, native_unit, needs_zig, run, workspace
+
+pytestmark = [
+    pytest.mark.native,
+    pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"),
+]
+HERE = "x86_64-linux"
+WINE = next(filter(None, map(shutil.which, ("wine", "wine64", "/usr/lib/wine/wine64"))), None)
+ARM_ROOT = Path("/usr/aarch64-linux-gnu")
+STEPS = 500
+# Largest difference by signal, relative to its largest value: exp, exp2 and pow of C libraries differ in the last digit
+TOLERANCE = 1e-12
+
+
+@dataclass
+class Emulator:
+    """How programs of a platform run here."""
+
+    command: Sequence[str] = ()
+    environment: dict[str, str] = field(default_factory=dict)
+    root: str = ""  # in front of this machine's paths
+
+    def path(self, file: Path) -> str:
+        """A path as the programs take it."""
+        return self.root + (str(file).replace("/", "\\") if self.root else str(file))
+
+    def run(self, *arguments: str) -> str:
+        """What a program prints. Through a file: Wine's servers keep a pipe open for seconds."""
+        command, environment = [*self.command, *arguments], os.environ | self.environment
+        output, errors = workspace() / "output", workspace() / "errors"
+        with output.open("w") as printed, errors.open("w") as complaints:
+            done = subprocess.run(command, stdout=printed, stderr=complaints, timeout=300, env=environment)
+        assert done.returncode == 0, f"{' '.join(command)[:300]}: {done.returncode}\n{errors.read_text()[-2000:]}"
+        return output.read_text()
+
+
+@pytest.fixture(scope="module")
+def emulators() -> Iterator[dict[str, Emulator]]:
+    """Those that are installed, by platform."""
+    found = {HERE: Emulator()}
+    if shutil.which("qemu-aarch64") and (ARM_ROOT / "lib").is_dir():
+        found["aarch64-linux"] = Emulator(command=("qemu-aarch64", "-L", str(ARM_ROOT)))
+    prefix = {"WINEPREFIX": str(workspace() / "wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml="}
+    if WINE is not None:
+        found["x86_64-windows"] = Emulator(command=(WINE,), environment=prefix, root="Z:")
+    yield found
+    server = next(filter(None, map(shutil.which, ("wineserver", "/usr/lib/wine/wineserver64"))), None)
+    if Path(prefix["WINEPREFIX"]).is_dir():
+        if server is not None:
+            subprocess.run([server, "-k"], env=os.environ | prefix, check=False, timeout=60)
+        shutil.rmtree(prefix["WINEPREFIX"], ignore_errors=True)  # some 700 MB
+
+
+@pytest.fixture(scope="module")
+def units(emulators: dict[str, Emulator]) -> dict[str, Path]:
+    """The folders of units with binaries for the foreign platforms that run here, and run_library for each platform."""
+    folder = workspace() / "foreign"
+    folder.mkdir()
+    if foreign := [name for name in emulators if name != HERE]:
+        build_native_units([native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in NATIVE_UNITS], foreign)
+    for name in emulators:
+        more = ["-ldl"] if name.endswith("linux") else []
+        source, program = str(HARNESSES / "run_library.c"), str(folder / f"{name}.exe")
+        flags = ["-mcpu=baseline", "-O2", "-std=c99", "-Wall", "-Werror", f"-I{HEADERS}"]
+        run([*ZIG, "-target", PLATFORMS[name].target, *flags, source, "-o", program, *more])
+    return {file.stem: Path(fmpy.extract(str(file), str(file.with_suffix("")))) for file in folder.glob("*.fmu")}
+
+
+def trace(emulator: Emulator, name: str, unit: Path, state: Path, *more: str) -> Array:
+    """What run_library prints for a unit's library: a row of all Real variables after every 50th step."""
+    description = fmpy.read_model_description(unit, validate=False)
+    inputs = [v.valueReference for v in description.modelVariables if v.causality == "input"]
+    reals = [v.valueReference for v in description.modelVariables if v.type == "Real"]
+    listed = [",".join(map(str, references)) for references in (inputs, reals)]
+    library = next(((native_folder(unit.name) if name == HERE else unit) / "binaries" / name).iterdir())
+    program = str(unit.parent / f"{name}.exe")
+    arguments = (description.guid, str(STEPS), "2e-4", *listed, emulator.path(state), *more)
+    text = emulator.run(program, emulator.path(library), *arguments)
+    return np.array([line.split() for line in text.splitlines()], dtype=float)
+
+
+@needs_zig
+@pytest.mark.parametrize("name", ["aarch64-linux", "x86_64-windows"])
+def test_values_and_states_are_those_of_x86_linux(
+    name: str, emulators: dict[str, Emulator], units: dict[str, Path]
+) -> None:
+    """Of each unit and of the closed loop, also from the other platform's state halfway."""
+    if name not in emulators:
+        pytest.skip(
+            "not installed: wine" if name.endswith("windows") else "not installed: qemu-user, libc6-arm64-cross"
+        )
+    assert sorted(units) == sorted(NATIVE_UNITS)
+    for unit, folder in units.items():
+        states = {platform: folder / f"{platform}.state" for platform in (HERE, name)}
+        here = trace(emulators[HERE], HERE, folder, states[HERE])
+        there = trace(emulators[name], name, folder, states[name])
+        assert here.shape[0] == STEPS // 50
+        assert states[HERE].stat().st_size == states[name].stat().st_size
+        taken_over = trace(emulators[name], name, folder, states[HERE], "load")
+        given_away = trace(emulators[HERE], HERE, folder, states[name], "load")
+        largest = np.maximum(np.max(np.abs(here), axis=0), 1e-300)
+        assert np.max(largest) > 1e-6
+        differences = [np.max(np.abs(there - here) / largest)]
+        differences += [np.max(np.abs(part - here[-len(part) :]) / largest) for part in (taken_over, given_away)]
+        assert len(taken_over) == len(given_away) == STEPS // 100
+        print(unit, name, *(f"{difference:.1e}" for difference in differences))
+        assert max(differences) <= TOLERANCE, unit
