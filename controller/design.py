@@ -12,6 +12,7 @@ from flexbeams.controller.flatness import cancellation_ratio, flat_parameterisat
 from flexbeams.controller.gains import control_arrays, offset_gain
 from flexbeams.controller.offsets import OffsetMap, offset_map, uncertainty_of
 from flexbeams.controller.options import DesignOptions
+from flexbeams.controller.reach import Reach, reach_of
 from flexbeams.controller.reduction import ReducedModel, reduce
 from flexbeams.controller.sampling import sampling_warnings
 from flexbeams.controller.statics import Statics, statics_of, with_statics
@@ -29,7 +30,6 @@ from flexbeams.plant.static_sensitivities import static_sensitivities
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.threads import one_thread
 
-RANK_TOLERANCE = 1e-6  # singular values of static maps below this fraction of the largest are zero
 METHOD = 2  # version of the method; raised by every change that changes a design beyond rounding
 
 
@@ -64,8 +64,9 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     """Reduction, flatness coefficients, filter and regulator of a structure.
 
     Arrays: A, B, H_pi, H_pm, H_w, D_pi, D_pm, D_w (reduced, continuous); A_d, B_d (sampled); estimator_gain
-    (m, n_pm), feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m; input_series (m + 1,), state_series (m, m, n_u);
-    shape_times, shape_values; transition_table, transition_constants (exponent, norm).
+    (m, n_pm), feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m, unreachable (n_pi, n_pi), the part of a target
+    that is refused; input_series (m + 1,), state_series (m, m, n_u); shape_times, shape_values; transition_table,
+    transition_constants (exponent, norm).
     Raises DesignError where a step has no acceptable result, or where the closed loop is unstable on a full plant.
     """
     with one_thread():
@@ -84,11 +85,13 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
     if options.static_maps != "basis":
         reduced = with_statics(reduced, statics)
     offsets = _offsets(statics, options)
+    reach = _reach(statics, reduced, options)
     motion, cancellation = _motion_arrays(reduced, options)
     arrays = {
         **_model_arrays(reduced),
         **_gains(reduced, offsets, options),
-        "static_inverse": _static_inverse(statics, reduced, options),
+        "static_inverse": reach.inverse,
+        "unreachable": reach.unreachable * (options.targets == "reachable"),
         **motion,
     }
     verification = verify_design(model, arrays, options, partial(_gains, reduced, offsets))
@@ -96,8 +99,14 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
         **design_summary(model, system, reduced, options, arrays),
         **verification.figures(),
         **({"offsets": offsets.figures()} if offsets else {}),
+        **reach.figures(),
         "flatness_cancellation": cancellation,
-        "warnings": [*structure_warnings(model, system), *warnings, *verification.warnings()],
+        "warnings": [
+            *structure_warnings(model, system),
+            *reach.warnings(nearest=options.targets == "nearest"),
+            *warnings,
+            *verification.warnings(),
+        ],
     }
     reliable = reduced.position_coordinates.reliable and reduced.velocity_coordinates.reliable
     design_id = identify(structure, options, arrays, with_fingerprint=not reliable)
@@ -140,10 +149,10 @@ def _model_arrays(reduced: ReducedModel) -> dict[str, Array]:
     return {name: getattr(reduced, name) for name in names}
 
 
-def _static_inverse(statics: Statics, reduced: ReducedModel, options: DesignOptions) -> Array:
-    """G_0^+ (n_u, n_pi), V/m: voltages that hold deflections at rest."""
+def _reach(statics: Statics, reduced: ReducedModel, options: DesignOptions) -> Reach:
+    """Deflections that voltages hold at rest."""
     gain = statics.deflection if options.static_gain == "full" else reduced.static_gain()[0] + reduced.D_pi
-    return np.asarray(np.linalg.pinv(gain, rcond=RANK_TOLERANCE), dtype=np.float64)
+    return reach_of(gain, float(np.max(np.abs(statics.stations))))
 
 
 def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[str, Array], float]:

@@ -49,6 +49,8 @@ class DesignOptions:
     # relative half widths, such as {"patch[].piezo_ratio" = 0.1}, for offset_free; default: 0.1 for every parameter
     uncertainty: dict[str, NonNegative] | None = None
     static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
+    # a target that no voltages reach is refused, or replaced by the "nearest" one (least sum of squares)
+    targets: Literal["reachable", "nearest"] = "reachable"
     sample_time: Positive = 2e-4  # s
     transition_time: Annotated[float, Field(ge=1e-3, le=1e4, strict=True)] = 0.9  # s, as the unit's bounds
     gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9

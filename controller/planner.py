@@ -6,6 +6,7 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 
+OFF_REACH = 1e-3  # of the largest target: one this far from what voltages reach is refused
 LONGEST_FACTOR = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
+from flexbeams.controller.planner import OFF_REACH, InputShapes, PendingTransitions, plan_transition
 from flexbeams.controller.transition import Transition, derivative_scales
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
@@ -39,6 +40,8 @@ class FlatnessFeedforward(Unit):
         """At rest at the first target."""
         self._count[0] = 0
         self._handled[:] = self._target
+        if (point := self._unreachable_point()) is not None:
+            raise UnitError(f"y_target is out of reach: {self._nearest(point)}")
         self._offset[:] = self.data["static_inverse"] @ self._target
         peak = float(np.max(np.abs(self._offset)))
         if peak > self.view("voltage_limit")[0]:
@@ -67,7 +70,33 @@ class FlatnessFeedforward(Unit):
             offset=self._offset, starts=self._starts[:k], durations=self._durations[:k], changes=self._changes[:k]
         )
 
+    def _missed(self) -> NDArray[np.float64]:
+        """The part of the target that no voltages reach, m."""
+        missed: NDArray[np.float64] = self.data["unreachable"] @ self._target
+        return missed
+
+    def _unreachable_point(self) -> int | None:
+        """The point of interest whose target is furthest from the nearest reachable one; None where that is close."""
+        missed = np.abs(self._missed())
+        point = int(missed.argmax())
+        return point if missed[point] > OFF_REACH * np.abs(self._target).max() else None
+
+    def _nearest(self, point: int) -> str:
+        target = self._target[point]
+        return (
+            f"no voltages reach it, the nearest reachable target has y_target[{point + 1}] = "
+            f"{target - self._missed()[point]:.6g} m in place of {target:.6g} m"
+        )
+
     def _plan(self, time: float) -> None:
+        if (point := self._unreachable_point()) is not None:
+            self._handled[:] = self._target
+            self.view("target_refused")[0] = True
+            self.warn(
+                f"y_target at {self.clock.start + time:.6g} s is refused: {self._nearest(point)}; the target before is "
+                "held"
+            )
+            return
         motion = self._motion()
         goal = self.data["static_inverse"] @ self._target
         change = goal - motion.offset - motion.changes.sum(axis=0)

@@ -19,6 +19,9 @@ def feedforward_experiments(design: Design, model: BeamModel) -> list[Experiment
     # powers of two: an importer that interpolates leaves them as they are, any change would be another target
     pattern = (-0.5) ** np.arange(inverse.shape[1])
     targets = np.stack([pattern, -0.5 * pattern[::-1]])
+    targets = targets - targets @ design.arrays["unreachable"].T
+    if not np.any(targets @ inverse.T):
+        return []  # no pair moves a point of interest
     targets *= 2.0 ** np.floor(np.log2(0.4 * options.voltage_limit / np.max(np.abs(targets @ inverse.T))))
     experiments = [
         # it ends between two rows: at one, rounding would decide whether it is still moving

@@ -125,6 +125,7 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
     """Arrays of the design by their names, and reference_outputs (n_pi, m + n_u): y_ref of (x_ref, u_ff)."""
     names = (
         "static_inverse",
+        "unreachable",
         "input_series",
         "state_series",
         "shape_times",
@@ -202,6 +203,10 @@ def _native_series(data: UnitData) -> Fields:
             in_panels=True,
             decimals={"G_0^+, V/m": inverse},
         ),
+        "unreachable": Table(
+            values=arrays["unreachable"],
+            comment=f"part of a target that is refused since no voltages reach it, ({points}, {points}), 1",
+        ),
         "reference_outputs": Table(
             values=arrays["reference_outputs"],
             comment=f"[H_pi, D_pi] of y_ref, ({points}, {states} + {voltages}), m and m/V",
@@ -244,8 +249,8 @@ A changed target starts a transition; transitions add, so that a new one may sta
 = ξ(t) = ξ_0 + sum_k Δξ_k Θ((t−t_k) / T_k)
 = Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})
 Derivatives of Θ are exact: they come from power series. A transition takes transition_time, or as much longer as it
-takes to keep the whole motion within voltage_limit. A target that needs more than that at rest is refused: one line in
-the log, target_refused is true, the previous target is held.
+takes to keep the whole motion within voltage_limit. A target that needs more than that at rest, or that no voltages
+reach, is refused: one line in the log, target_refused is true, the previous target is held.
 """,
         timing="""
 A target set before a step starts its transition at the beginning of that step. Outputs after a step are those at its

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexbeams.controller.design import Design
+from flexbeams.controller.planner import OFF_REACH
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
@@ -79,7 +80,7 @@ def require_reachable_targets(
     starts: Mapping[str, StartValues],
     source: str,
 ) -> None:
-    """InputError for a target that would need more than the feedforward's voltage limit at rest."""
+    """InputError for a target that no voltages reach, or that needs more than the feedforward's limit at rest."""
     for k, drive in enumerate(scenario.input, 1):
         owner, _, variable = drive.to.partition(".")
         if owner not in kinds or not variable or variable != kinds[owner].targets:
@@ -94,6 +95,11 @@ def _require_reachable(target: list[float], design: Design, limit: float, key: s
     if len(target) != inverse.shape[1]:
         rule = f"must have {inverse.shape[1]} values, one for each point of interest"
         raise InputError(key, rule, target, source=source)
+    missed = design.arrays["unreachable"] @ np.array(target)
+    if np.max(np.abs(missed)) > OFF_REACH * np.max(np.abs(target)):
+        nearest = ", ".join(f"{y:.6g}" for y in np.array(target) - missed)
+        rule = f"is out of reach: no voltages reach it, the nearest reachable target is [{nearest}]"
+        raise InputError(key, f'{rule}; design.targets = "nearest" takes that', target, source=source)
     voltage = np.abs(inverse @ np.array(target))
     if (peak := float(voltage.max())) > limit:
         need = f"patch pair {voltage.argmax() + 1} would need {peak:.1f} V at rest, the limit is {limit:g} V"

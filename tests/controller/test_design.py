@@ -62,6 +62,7 @@ def test_shapes() -> None:
             "static_inverse": (n_u, n_pi),
             "input_series": (m + 1,),
             "state_series": (m, m, n_u),
+            "unreachable": (n_pi, n_pi),
             "transition_table": (257,),
             "transition_constants": (2,),
         }
@@ -164,6 +165,7 @@ def test_id_depends_on_every_option() -> None:
         "static_maps": "segment",
         "observer": "offset_free",
         "uncertainty": {"spring[].stiffness": 0.2},
+        "targets": "nearest",
         "sample_time": 1e-4,
         "transition_time": 0.8,
         "gevrey_order": 1.8,

@@ -10,6 +10,7 @@
 #include "planner.h"
 
 #define TARGET_ROUNDING 1e-12 /* m: a host that interpolates a constant target moves it by less */
+#define OFF_REACH 1e-3        /* of the largest target: one this far from what voltages reach is refused */
 
 /* State: number of transitions under way, a double as all of the state; the target that they lead to (points,); then
    the motion. */
@@ -129,12 +130,49 @@ static void write_references(UnitInstance *unit, double time)
     unit->values[feedforward->moving] = moving;
 }
 
+/* Part of the target at a point that no voltages reach, m. */
+static double missed_at(const FlatnessFeedforwardData *feedforward, const double *target, size_t point)
+{
+    const double *const row = feedforward->unreachable + point * feedforward->points;
+    double missed = 0.0;
+    for (size_t k = 0; k < feedforward->points; k++)
+        missed += row[k] * target[k];
+    return missed;
+}
+
+/* The point of interest whose target is furthest from the nearest reachable one; `points` where that is close. */
+static size_t unreachable_point(const FlatnessFeedforwardData *feedforward, const double *target)
+{
+    double largest = 0.0;
+    double furthest = 0.0;
+    size_t point = 0;
+    for (size_t k = 0; k < feedforward->points; k++) {
+        const double missed = fabs(missed_at(feedforward, target, k));
+        largest = fmax(largest, fabs(target[k]));
+        if (missed > furthest) {
+            furthest = missed;
+            point = k;
+        }
+    }
+    return furthest > OFF_REACH * largest ? point : feedforward->points;
+}
+
 /* Start the transition to a changed target. */
 static void start_transition(UnitInstance *unit, double time)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
     double *const values = unit->values;
     double *const target = values + feedforward->y_target;
+    const size_t point = unreachable_point(feedforward, target);
+    if (point < feedforward->points) {
+        memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
+        values[feedforward->target_refused] = true;
+        unit_warn(unit,
+                  "y_target at %.6g s is refused: no voltages reach it, the nearest reachable target has y_target[%zu] "
+                  "= %.6g m in place of %.6g m; the target before is held",
+                  unit->start + time, point + 1, target[point] - missed_at(feedforward, target, point), target[point]);
+        return;
+    }
     const Motion motion = motion_of(unit);
     const size_t voltages = feedforward->voltages;
     double *const change = unit->workspace;
@@ -174,6 +212,12 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
     const FlatnessFeedforwardData *const feedforward = unit->data;
     double *const values = unit->values;
     double *const target = values + feedforward->y_target;
+    const size_t point = unreachable_point(feedforward, target);
+    if (point < feedforward->points)
+        return unit_refuse(unit,
+                           "y_target is out of reach: no voltages reach it, the nearest reachable target has "
+                           "y_target[%zu] = %.6g m in place of %.6g m",
+                           point + 1, target[point] - missed_at(feedforward, target, point), target[point]);
     memset(unit->state, 0, flatness_feedforward_state_size(feedforward) * sizeof *unit->state);
     memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     double *const offset = motion_of(unit).offset;

@@ -29,6 +29,7 @@ typedef struct {
     const double *input_series;      /* (degree + 1,): u = sum_i c_i xi^(i) */
     const double *state_series;      /* panels (states, degree * voltages): x = sum_i X_i xi^(i) */
     const double *static_inverse;    /* panels (voltages, points), V/m */
+    const double *unreachable;       /* (points, points): part of a target that is refused */
     const double *reference_outputs; /* panels (points, states + voltages): [H_pi, D_pi] */
     const double *curve_durations;   /* (durations,), s, ascending */
     const double *curve_grid;        /* (intervals + 1,), from 0 to 1 */
