@@ -6,9 +6,14 @@ Whatever else escapes is a bug, and the command line shows it as one.
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+from flexbeams.plant.text import printable, quoted, shortened
+
 
 class FlexbeamsError(Exception):
-    """Base of all errors that a user can fix; the text is one line."""
+    """Base of all errors that a user can fix; the text is one line of printable characters."""
+
+    def __str__(self) -> str:
+        return printable(" ".join(super().__str__().splitlines()))
 
 
 class InputError(FlexbeamsError, ValueError):
@@ -19,10 +24,10 @@ class InputError(FlexbeamsError, ValueError):
 
     def __init__(self, key: str, rule: str, value: object = None, *, source: str = "") -> None:
         self.key, self.rule, self.value, self.source = key, rule, value, source
-        text = f"{key} {rule}" if key else rule
+        text = f"{shortened(key)} {rule}" if key else rule
         if value is not None:
-            text += f", got {value!r}"
-        super().__init__(" ".join((f"{source}: {text}" if source else text).splitlines()))
+            text += f", got {quoted(value)}"
+        super().__init__(f"{source}: {text}" if source else text)
 
     def at(self, source: str, prefix: str = "") -> "InputError":
         """The same error with its source and the location of its key within that source."""

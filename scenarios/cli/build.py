@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from flexbeams.scenarios.cli.options import BASIS, chosen_structure, compiler_option, structure_option
+from flexbeams.scenarios.cli.options import BASIS, chosen_structure, compiler_option, say, structure_option
 from flexbeams.scenarios.definition.choices import BACKENDS
 
 
@@ -53,4 +53,4 @@ def build(units: tuple[str, ...], structure: str | None, basis: str, backend: st
     computed = design(chosen_structure(structure), basis=basis)
     for kernel in (k for k in BACKENDS if backend in (k, "all")):
         for path in build_units(computed, units, backend=kernel, **options):
-            click.echo(path)
+            say(path)

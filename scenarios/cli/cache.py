@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from flexbeams.scenarios.cli.options import cache_option
+from flexbeams.scenarios.cli.options import cache_option, say
 
 
 @click.command()
@@ -19,7 +19,7 @@ def cache(action: str, build_folder: Path | None) -> None:
 
     root = cache_folder(build_folder)
     if action == "clear":
-        click.echo(f"{root}: {clear_cache(root)} files removed")
+        say(f"{root}: {clear_cache(root)} files removed")
         return
     sizes = [file.stat().st_size for file in cached_files(root)]
-    click.echo(f"{root}: {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB")
+    say(f"{root}: {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from flexbeams.scenarios.cli.options import note
+from flexbeams.scenarios.cli.options import note, say
 
 
 @click.command()
@@ -31,5 +31,5 @@ def compare(runs: tuple[Path, ...], out: Path) -> int:
     written = write_comparison(comparison, out)
     show_comparison(comparison)
     for path in written:
-        click.echo(path)
+        say(path)
     return 0

@@ -1,9 +1,8 @@
 """Tables of compared runs for the terminal."""
 
-from rich.markup import escape
 from rich.table import Table
 
-from flexbeams.scenarios.cli.tables import console
+from flexbeams.scenarios.cli.tables import cell, console
 from flexbeams.scenarios.results.compare import Comparison, check_table, fact_table, metric_table
 
 _MARKS = {"holds": " [green]ok[/]", "failed": " [red bold]FAILED[/]", "": ""}
@@ -22,9 +21,9 @@ def show_comparison(comparison: Comparison) -> None:
         table = Table(title=title, title_justify="left", title_style="bold")
         table.add_column("")
         for run in comparison.runs:
-            table.add_column(escape(run.label), justify="right")
+            table.add_column(cell(run.label), justify="right")
         for name, cells in rows:
-            table.add_row(escape(name), *(cells if title == "checks" else map(escape, cells)))
+            table.add_row(cell(name), *(cells if title == "checks" else map(cell, cells)))
         out.print(table)
 
 
@@ -33,7 +32,7 @@ def _checks(comparison: Comparison) -> list[tuple[str, list[str]]]:
         (
             name,
             [
-                escape(c["measured"]) + (f" (paper {escape(c['paper'])})" if c["paper"] else "") + _MARKS[c["verdict"]]
+                cell(c["measured"]) + (f" (paper {cell(c['paper'])})" if c["paper"] else "") + _MARKS[c["verdict"]]
                 for c in cells
             ],
         )

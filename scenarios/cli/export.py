@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from flexbeams.scenarios.cli.options import compiler_option, note, scenario_options
+from flexbeams.scenarios.cli.options import compiler_option, note, say, scenario_options
 from flexbeams.scenarios.definition.choices import EXPORT_SUFFIXES, SSP_VERSIONS, WIRING_TOOLS
 
 
@@ -69,5 +69,5 @@ def export(scenario: str, out: Path | None, overrides: dict[str, Any], **options
     """Write a scenario for other tools: the closed loop, complete in one file or folder."""
     from flexbeams.scenarios.api.exports import export as write
 
-    click.echo(write(scenario, out, start=overrides, notify=note, **options))
+    say(write(scenario, out, start=overrides, notify=note, **options))
     return 0

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from flexbeams.scenarios.cli.options import BASIS, note, structure_option
+from flexbeams.scenarios.cli.options import BASIS, note, say, structure_option
 
 FILES = click.Path(exists=True, dir_okay=False, path_type=Path)
 map_option = click.option(
@@ -133,5 +133,5 @@ def static(
         experiments, pairs=len(beams.patch), points=len(beams.point_of_interest), gauges=len(beams.strain_gauge)
     )
     write_static_maps(maps, out, "Measured static gains with half widths of 95 % intervals")
-    click.echo(out)
+    say(out)
     return 0

@@ -2,6 +2,8 @@
 
 import click
 
+from flexbeams.scenarios.cli.options import say
+
 
 @click.command(name="list")
 def list_scenarios() -> None:
@@ -11,4 +13,4 @@ def list_scenarios() -> None:
     names = list(scenario_files())
     width = max(map(len, names))
     for name in names:
-        click.echo(f"{name:{width}}  {load_scenario(name).description}")
+        say(f"{name:{width}}  {load_scenario(name).description}")

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import click
 
+from flexbeams.plant.text import printable
 from flexbeams.scenarios.definition.choices import BASES, COUPLINGS
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -105,7 +106,12 @@ def scenario_options(set_help: str, step_help: str) -> Callable[[Command], Comma
 
 def note(text: str) -> None:
     """Prints one line to stderr, apart from the data on stdout."""
-    click.echo(text, err=True)
+    click.echo(printable(text), err=True)
+
+
+def say(text: object) -> None:
+    """Prints one line to stdout."""
+    click.echo(printable(str(text)))
 
 
 def chosen_structure(name: str | None) -> Any:

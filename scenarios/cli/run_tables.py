@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from rich.markup import escape
 from rich.table import Table
 
-from flexbeams.scenarios.cli.tables import console
+from flexbeams.scenarios.cli.tables import cell, console
 from flexbeams.scenarios.results.display import limits, number
 from flexbeams.scenarios.runs.job import CHECK_FAILED, FAILED, INTERRUPTED, OK, JobResult
 
@@ -14,7 +13,7 @@ def show_checks(result: JobResult) -> None:
     """Prints each check beside the paper's figure, and the folder of the results."""
     out = console()
     if result.title:
-        out.print(escape(result.title), style="bold", soft_wrap=True)
+        out.print(cell(result.title), style="bold", soft_wrap=True)
     table = Table()
     table.add_column("check")
     for heading in ("measured", "limit", "paper"):
@@ -24,14 +23,14 @@ def show_checks(result: JobResult) -> None:
         limited = o.minimum is not None or o.maximum is not None
         verdict = "" if not limited else "[green]ok[/]" if o.passed else "[red bold]FAILED[/]"
         texts = (o.name, number(o.value, o.unit), limits(o.minimum, o.maximum, o.unit), number(o.paper, o.unit))
-        table.add_row(*map(escape, texts), verdict)
+        table.add_row(*map(cell, texts), verdict)
     if result.outcomes:
         out.print(table)
     if result.timing is not None:
         out.print(
             f"{result.timing['steps']} steps in {result.timing['wall_s']:.2f} s"
             + (f", {result.factor} times real time" if result.factor else "")
-            + f"; results in {escape(str(result.folder))}",
+            + f"; results in {cell(str(result.folder))}",
             soft_wrap=True,
         )
         if late := result.timing.get("lateness"):
@@ -62,10 +61,10 @@ def show_overview(results: Sequence[JobResult]) -> None:
         complete = result.status in (OK, CHECK_FAILED)
         held = str(len(result.outcomes) - result.failed)
         table.add_row(
-            result.name,
+            cell(result.name),
             words[result.status],
             *((held, str(result.failed)) if complete else ("", "")),
             result.factor,
-            str(result.folder) if result.folder else "none",
+            cell(str(result.folder)) if result.folder else "none",
         )
     console(width=300).print(table)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from flexbeams.scenarios.cli.options import say
+
 
 @click.command()
 @click.argument(
@@ -33,9 +35,9 @@ def validate(files: tuple[Path, ...], runs: bool) -> int:
         checks = [] if package or problems or not runs else reference_checks(path)
         failures += len(problems) + sum(not passed for passed, _ in checks)
         for problem in problems:
-            click.echo(f"{path}: {problem}")
+            say(f"{path}: {problem}")
         if not problems:
-            click.echo(f"{path}: valid")
+            say(f"{path}: valid")
         for _, line in checks:
-            click.echo(f"{path}: {line}")
+            say(f"{path}: {line}")
     return 1 if failures else 0

@@ -1,5 +1,6 @@
 """Scenario files: found by name, read once."""
 
+import os
 from dataclasses import dataclass
 from os.path import isfile
 from pathlib import Path
@@ -38,7 +39,7 @@ class ScenarioFile:
     @property
     def name(self) -> str:
         """The scenario's name, which is that of its results."""
-        return self.path.stem
+        return os.fsencode(self.path.stem).decode("utf-8", "replace")
 
 
 def scenario_files() -> dict[str, Path]:

@@ -19,7 +19,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
 
     title = " and ".join(run.label for run in comparison.runs)
     page = folder / "compare.html"
-    write_whole(page, comparison_html(comparison, title).encode())
+    write_whole(page, comparison_html(comparison, title).encode("utf-8", "replace"))
     stop = max(float(run.recording.time[-1]) for run in comparison.runs)
     rows = [_curves(comparison, name) for name in _figure_arrays(comparison)]
     return [page, *write_figures([plot_rows(rows, title, folder / "compare", 0.0, stop, wide=True)])]

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from flexbeams.plant.archive import write_whole
+from flexbeams.plant.text import printable
 from flexbeams.scenarios.report.plots import Panel, Plot
 
 # All in inches: a panel with its labels, its axes alone, the margins around all panels. They are fixed, since
@@ -57,15 +58,16 @@ def draw(plot: Plot) -> Figure:
             _style(axis)
             if c < len(row.panels):
                 _fill(axis, row.panels[c], row.legend)
-        line[0].set_ylabel(row.axis, fontsize=9)
+        line[0].set_ylabel(printable(row.axis), fontsize=9, parse_math=False)
         line[0].yaxis.set_label_coords(-0.55 / _AXES[0], 0.5)
         if row.legend:
-            line[0].legend(fontsize=8, frameon=False)
+            for text in line[0].legend(fontsize=8, frameon=False).get_texts():
+                text.set_parse_math(False)
     for axis in grid[-1]:
         axis.set_xlabel("time in s", fontsize=9)
         axis.xaxis.set_label_coords(0.5, -0.3 / _AXES[1])
     middle = (_LEFT + columns * _PANEL[0] - _PANEL[0] + _AXES[0] + _LEFT) / 2
-    canvas.suptitle(plot.title, fontsize=11, x=middle / width, y=1 - 0.1 / height)
+    canvas.suptitle(printable(plot.title), parse_math=False, fontsize=11, x=middle / width, y=1 - 0.1 / height)
     return canvas
 
 
@@ -76,12 +78,12 @@ def _fill(axis: Axes, panel: Panel, several: bool) -> None:
             line.time,
             line.values,
             color=colour,
-            label=line.label,
+            label=printable(line.label),
             solid_capstyle="butt",
             linewidth=3.3 if line.style == "wide" else 1.1,
             alpha=1.0 if line.style == "own" else 0.5,
         )
-    axis.set_title(panel.title, fontsize=9, y=1.0)
+    axis.set_title(printable(panel.title), fontsize=9, y=1.0, parse_math=False)
 
 
 def _style(axis: Axes) -> None:

@@ -31,7 +31,7 @@ def unit_of(name: str) -> str:
 
 def write_identification(result: Identification, path: Path) -> None:
     """Writes the page; it needs no other file."""
-    write_whole(path, identification_html(result).encode())
+    write_whole(path, identification_html(result).encode("utf-8", "replace"))
 
 
 def identification_html(result: Identification) -> str:

@@ -74,7 +74,7 @@ def curve(name: str, recording: Recording, label: str = "") -> Curve:
     if not columns:
         known = dict.fromkeys(map(array_name, recording.columns))
         raise InputError("", "names a signal that is not recorded" + suggestion(name, known), name)
-    base = array_name(name).split(".", 1)[1]
+    base = array_name(name).partition(".")[2] or array_name(name)
     return Curve(label or name, base, quantity_of(base), recording, columns)
 
 

@@ -1,6 +1,7 @@
 """Result files of a run: results.csv or other formats; each is written whole or not at all."""
 
 import csv
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -58,9 +59,15 @@ def read_results(path: Path) -> Recording:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             header = next(csv.reader(file))
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except (OSError, StopIteration, ValueError) as error:
-        raise InputError("", f"is not a results file: {error}", source=str(path)) from None
+        with warnings.catch_warnings(action="error"):  # of a file without data
+            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except OSError as error:
+        raise InputError("", f"cannot be read: {error.strerror}", source=str(path)) from None
+    except (StopIteration, ValueError, csv.Error, UserWarning):  # their texts quote the file
+        raise InputError("", "is not a CSV file of numbers under a header", source=str(path)) from None
+    if table.shape[1] != len(header) or header[:1] != ["time"]:
+        rule = "is not a CSV file of numbers with the columns of its header, time first"
+        raise InputError("", rule, source=str(path))
     return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall_seconds=float("nan"))
 
 

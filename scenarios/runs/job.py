@@ -13,6 +13,7 @@ from flexbeams.scenarios.definition.scenario_file import ScenarioFile, load_scen
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.importing.package import is_package
+from flexbeams.scenarios.processes.interrupt import deferred_interrupt
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.checks import Outcome
 from flexbeams.scenarios.results.files import json_values
@@ -115,15 +116,16 @@ def run_job(
     with ResultFolder(job.folder) as folder:
         _require_own(job, folder.require_free(job.files), observer)
         run = run_experiment(job.experiment, job.settings, observer, designs)
-        write_files(
-            run,
-            folder,
-            figures=job.figures,
-            report=job.report,
-            formats=job.formats,
-            figure_process=figure_process,
-        )
-    status, message = _verdict(run, job.folder)
+        with deferred_interrupt() as interrupted:
+            write_files(
+                run,
+                folder,
+                figures=job.figures,
+                report=job.report,
+                formats=job.formats,
+                figure_process=figure_process,
+            )
+    status, message = _verdict(run, job.folder, interrupted())
     return JobResult(
         name=run.name,
         status=status,
@@ -147,10 +149,12 @@ def _require_own(job: Job, earlier: dict[str, Any], observer: Observer) -> None:
     observer.notify(f"{job.folder}: replaces {held}")
 
 
-def _verdict(run: Run, folder: Path) -> tuple[int, str]:
+def _verdict(run: Run, folder: Path, interrupted: bool) -> tuple[int, str]:
     recording = run.recording
     if recording.interrupted:
         return INTERRUPTED, f"interrupted at {recording.time[-1]:.6g} s; what was recorded is marked incomplete"
     if recording.failure is not None:
         return FAILED, f"{recording.failure}; what was recorded up to then is in {folder}"
+    if interrupted:
+        return INTERRUPTED, "interrupted while the results were written; they are complete"
     return (OK if run.passed else CHECK_FAILED), ""

@@ -1,5 +1,6 @@
 """Runs of SSP packages: the same stepping as a scenario's, with the units and connections of the package."""
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -35,7 +36,7 @@ class ExtractedPackage:
     @property
     def name(self) -> str:
         """The package's name, which is that of its results."""
-        return self.file.stem
+        return os.fsencode(self.file.stem).decode("utf-8", "replace")
 
 
 @contextmanager

@@ -1,9 +1,11 @@
 """Several jobs in parallel processes, with one display."""
 
 import multiprocessing
+import multiprocessing.connection
 import os
 import queue
 import signal
+import threading
 import time as clock
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
@@ -90,7 +92,7 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Jo
                         monitor.poll()
                 except KeyboardInterrupt:
                     for process in multiprocessing.active_children():
-                        process.terminate()
+                        process.kill()
                     wait(futures)
                     monitor.abandon()
     return monitor.results
@@ -192,9 +194,21 @@ class _Parent:
 
 
 def _init_worker(messages: "Queue[Message]", stop: Event) -> None:
-    """First call in each worker. Ctrl-C reaches all processes of a terminal; only the first one acts on it."""
+    """First call in each worker. Signals may reach all processes; only the first one acts on them.
+
+    A worker ends with the process that started it, even if that is killed.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _Parent.messages, _Parent.stop = messages, stop
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(INTERRUPTED)
 
 
 def _run_job(number: int, job: Job, designs: Sequence[Design]) -> JobResult:

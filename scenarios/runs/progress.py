@@ -4,7 +4,10 @@ import sys
 from types import TracebackType
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
+
+from flexbeams.plant.text import printable
 
 ALL = "all"  # name of the bar that counts scenarios
 
@@ -45,7 +48,7 @@ class Display:
 
     def note(self, text: str, name: str = "") -> None:
         """One line, above the bars."""
-        line = f"{name}: {text}" if name and len(self._names) > 1 else text
+        line = printable(f"{name}: {text}" if name and len(self._names) > 1 else text)
         if self._bars is not None:
             self._bars.console.print(line, markup=False, soft_wrap=True)
         else:
@@ -83,5 +86,5 @@ class Display:
         assert self._bars is not None
         if name not in self._tasks:
             width = max(map(len, [*self._names, ALL] if len(self._names) > 1 else self._names))
-            self._tasks[name] = self._bars.add_task(f"{name:{width}}", total=None, state="preparing")
+            self._tasks[name] = self._bars.add_task(escape(printable(f"{name:{width}}")), total=None, state="preparing")
         return self._tasks[name]

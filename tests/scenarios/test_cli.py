@@ -376,16 +376,6 @@ def test_a_user_error_shows_its_trace_on_demand(
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("error", [RuntimeError, RecursionError, ValueError, OSError, MemoryError])
-def test_a_bug_shows_as_one(error: type[Exception], monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> None:
-        raise error("a bug in the program")
-
-    monkeypatch.setattr("flexbeams.scenarios.definition.scenario_file.scenario_files", fail)
-    with pytest.raises(error, match="a bug in the program"):
-        main(["list"])
-
-
 def test_all_errors_of_the_project_have_one_root() -> None:
     errors = (DesignError, InputError, InterfaceError, BuildError, UnitFailure, MasterError)
     for kind in errors:

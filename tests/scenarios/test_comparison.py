@@ -148,7 +148,7 @@ def foreign_signals(runs: dict[str, Path], root: Path) -> Path:
         (broken_summary, "is not a summary of a run"),
         (other_json, "title is missing"),
         (no_results, r"has no results\.csv"),
-        (no_table, "is not a results file"),
+        (no_table, "is not a CSV file of numbers"),
         (foreign_signals, "share none"),
         (lambda runs, root: runs["single_beam"], "feedforward.u_ff has 1 elements"),
         (lambda runs, root: runs["tracking"], "must be different folders"),

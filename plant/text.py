@@ -1,0 +1,33 @@
+"""Text from files and names, made fit to be displayed."""
+
+import unicodedata
+
+MAX_QUOTED = 80  # characters of a file's content in a message
+
+# Control characters, formatting ones (text direction, zero width), lone surrogates, line and paragraph separators
+_HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+def printable(text: str, keep: str = "") -> str:
+    """The text with escapes, such as \\x1b, in place of characters that control the display; those of `keep` stay."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        character if character in keep or unicodedata.category(character) not in _HIDDEN else _escaped(character)
+        for character in text
+    )
+
+
+def quoted(value: object) -> str:
+    """The value as Python writes it, cut to MAX_QUOTED characters."""
+    text = printable(repr(value))
+    return text if len(text) <= MAX_QUOTED else f"{text[: MAX_QUOTED - 4]} ..."
+
+
+def shortened(text: str) -> str:
+    """The text cut to MAX_QUOTED characters."""
+    return text if len(text) <= MAX_QUOTED else f"{text[: MAX_QUOTED - 4]} ..."
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape", "surrogatepass").decode()
