@@ -46,7 +46,8 @@ class Workbench:
         settings = Settings(compiler=compiler, build_folder=self._build, record_animation=False)
         prepared = prepare_scenario(load_scenario(SCENARIO), settings, notify)
         scenario, self.design = prepared.scenario, prepared.design
-        self._plan, self._starts, self.step = prepared.wiring, prepared.starts, prepared.step
+        self._plan, self.step = prepared.wiring, prepared.step
+        self._starts = {name: prepared.numeric_starts(name) for name in prepared.starts}
         self.model = prepared.models["plant"]
         self._files = unit_files(prepared, notify)
         self._stepper = stepper_library(self._build, compiler)
@@ -54,7 +55,7 @@ class Workbench:
         self.matrices = matrices_of(self.design, self.model)
         self._stack = ExitStack()
         self._folder = self._stack.enter_context(temporary_folder())
-        self.preview = float(prepared.starts.get("feedforward", {}).get("preview", 0.0))  # s
+        self.preview = float(self._starts.get("feedforward", {}).get("preview", 0.0))  # s
         self.target = np.array(scenario.input[0].targets[0].value) if scenario.input[0].targets else np.zeros(4)  # m
 
     def __enter__(self) -> "Workbench":

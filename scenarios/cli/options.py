@@ -9,6 +9,7 @@ import click
 
 from flexbeams.plant.text import printable
 from flexbeams.scenarios.definition.choices import BASES, COUPLINGS
+from flexbeams.scenarios.definition.values import TypedNumber, is_decimal
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -43,18 +44,19 @@ def assignments(context: click.Context, parameter: click.Parameter, values: Sequ
     return table
 
 
-def _value(name: str, text: str) -> bool | float | list[float]:
+def _value(name: str, text: str) -> bool | float | str | list[float]:
+    """A number, numbers separated by commas, a truth value; anything else is a text, of a String or Enumeration."""
     if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    try:
-        numbers = [float(part) for part in text.removeprefix("[").removesuffix("]").split(",")]
-    except ValueError:
-        raise click.BadParameter(
-            f"{name} must be a number, numbers separated by commas, true or false, got {text!r}"
-        ) from None
+        return text.lower() == "true" if text.islower() else text
+    parts = text.removeprefix("[").removesuffix("]").split(",")
+    if any(part.strip().lstrip("+-").lower() in ("nan", "inf", "infinity") for part in parts):
+        raise click.BadParameter(f"{name} must be finite, got {text!r}")
+    if not all(is_decimal(part.strip()) for part in parts):
+        return text
+    numbers = [TypedNumber(part.strip()) for part in parts]
     if not all(map(math.isfinite, numbers)):
         raise click.BadParameter(f"{name} must be finite, got {text!r}")
-    return numbers if "," in text or text.startswith("[") else numbers[0]
+    return list[float](numbers) if "," in text or text.startswith("[") else numbers[0]
 
 
 structure_option = click.option(

@@ -1,14 +1,26 @@
 """Instances as their model descriptions declare them, before any of them is loaded."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.units.catalogue import kind_named
 from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.scenarios.definition.dimensions import OWN_DIMENSIONS, Dimension, declared_dimensions
 
-TYPE_ORDER = ("Real", "Integer", "Boolean")  # types that a run reads, in the order in which it reads them
+TYPE_ORDER = ("Real", "Integer", "Boolean")  # FMI's functions by type, in the order in which a run calls them
+
+
+def access_type(kind: str) -> str:
+    """The type whose functions read and write a variable: FMI sets an Enumeration as an Integer."""
+    return "Integer" if kind == "Enumeration" else kind
+
+
+def access_order(variable: Any) -> int:
+    """The place of a variable's type in TYPE_ORDER, a sort key."""
+    return TYPE_ORDER.index(access_type(variable.type))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +35,7 @@ class DeclaredVariable:
     max: Any
     unit: str | None
     nominal: float | None
+    declaredType: None = None  # no Enumerations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +45,7 @@ class InstanceDeclaration:
     kind: UnitKind | None  # None for a unit that is not of this project
     variables: dict[str, Any]  # by name; DeclaredVariable or FMPy's
     description: Any = None  # FMPy's; None for a unit that is built from the design
+    dimensions: Mapping[str, Dimension] = field(default_factory=dict)  # units of measurement by name
 
     @classmethod
     def of_interface(cls, kind: UnitKind, interface: Interface) -> "InstanceDeclaration":
@@ -49,18 +63,30 @@ class InstanceDeclaration:
             )
             for v in interface.variables
         }
-        return cls(kind=kind, variables=declared)
+        return cls(kind=kind, variables=declared, dimensions=OWN_DIMENSIONS)
 
     @classmethod
     def of_description(cls, description: Any) -> "InstanceDeclaration":
         """The declaration in an FMU, as FMPy reads it."""
         variables = {v.name: v for v in description.modelVariables}
-        return cls(kind=kind_named(description.modelName), variables=variables, description=description)
+        return cls(
+            kind=kind_named(description.modelName),
+            variables=variables,
+            description=description,
+            dimensions=declared_dimensions(description),
+        )
 
 
 def element_names(variables: Mapping[str, Any], name: str) -> list[str]:
-    """Scalars that a name stands for: itself, or all elements name[1], name[2], ...; empty if there are none."""
+    """Scalars that a name stands for: itself, or all elements name[1], name[2] ... by index; may be empty."""
     if name in variables:
         return [name]
     prefix = f"{name}["
-    return [n for n in variables if n.startswith(prefix) and n.endswith("]") and "]." not in n]
+    return by_index(n for n in variables if n.startswith(prefix) and n.endswith("]") and "]." not in n)
+
+
+def by_index(names: Iterable[str]) -> list[str]:
+    """Names in the order of the numbers in their brackets: u[2] before u[10], whatever the order of declaration."""
+    return sorted(
+        names, key=lambda n: [tuple(map(int, i.split(","))) for i in re.findall(r"\[([0-9]+(?:,[0-9]+)*)\]", n)]
+    )

@@ -11,7 +11,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.plant.validation import STRICT, Finite, Index, NonNegative, Positive
 from flexbeams.scenarios.definition.choices import BasisName, Coupling
 
-Value = Finite | bool | list[Finite]
+Value = Finite | bool | str | list[Finite | bool | str]
 Measure = Literal[
     "largest",
     "end_deviation",
@@ -46,10 +46,15 @@ class Instance:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Connection:
-    """An output array (or element) that feeds an input array (or element) of the same size."""
+    """An output array (or element) that feeds an input array (or element) of the same size.
+
+    The input takes factor * output + offset; without them, units of measurement that differ are converted.
+    """
 
     source: str = Field(alias="from")
     to: str
+    factor: Finite | None = None
+    offset: Finite | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)

@@ -18,12 +18,11 @@ from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
-from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, by_index, element_names
 from flexbeams.scenarios.definition.schema import Instance, Scenario, Value
+from flexbeams.scenarios.definition.values import TypedValue, require_bounds, require_value
 
-INT32 = range(-(2**31), 2**31)
-
-StartValues = dict[str, float | bool]  # by variable
+StartValues = dict[str, TypedValue]  # by variable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,22 +123,20 @@ def _scaled(name: str, instance: Instance, variables: Mapping[str, Any], source:
             if variables[variable].type != "Real":
                 raise InputError(where, "must be of a Real variable", variables[variable].type, source=source)
             scaled = float(variables[variable].start) * float(f)
-            _require_fit(where, variables[variable], scaled, source)
+            require_bounds(where, variables[variable], scaled, source)
             yield variable, scaled
 
 
 def _assigned(where: str, key: str, value: Any, variables: Mapping[str, Any], source: str) -> StartValues:
     pairs = _pairs(where, key, value, variables, source)
-    for name, v in pairs:
-        _require_fit(where, variables[name], v, source)
-    return dict(pairs)
+    return {name: require_value(where, variables[name], v, source) for name, v in pairs}
 
 
 def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], source: str) -> list[tuple[str, Any]]:
     """Scalars with their values, for a scalar, an array (by its name) or a family (a name with [])."""
     if "[]" in key:
         head, tail = key.split("[]", 1)
-        names = [n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}")]
+        names = by_index(n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}"))
     else:
         names = element_names(variables, key)
     settable = [n for n in names if variables[n].causality in ("parameter", "input")]
@@ -151,19 +148,9 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
         ]  # arrays and families, not each of their elements
         rule = "is not settable" if names else "is not a variable" + suggestion(key, known)
         raise InputError(where, rule, key, source=source)
+    if isinstance(value, str) and "," in value and (key not in variables or "[]" in key):
+        value = [part.strip() for part in value.removeprefix("[").removesuffix("]").split(",")]
     listed = value if isinstance(value, list) else [value] * len(settable)
     if len(listed) != len(settable):
         raise InputError(where, f"must have {len(settable)} values", value, source=source)
     return list(zip(settable, listed, strict=True))
-
-
-def _require_fit(where: str, variable: Any, value: float | bool, source: str) -> None:
-    """InputError for a value that is not of the variable's type or outside its bounds."""
-    kind = variable.type
-    whole = kind != "Integer" or (value == int(value) and int(value) in INT32)
-    if isinstance(value, bool) != (kind == "Boolean") or kind not in ("Real", "Integer", "Boolean") or not whole:
-        raise InputError(where, f"must be of type {kind}", value, source=source)
-    low = "-inf" if variable.min is None else variable.min
-    high = "inf" if variable.max is None else variable.max
-    if not float(low) <= value <= float(high):
-        raise InputError(where, f"must be from {low} to {high}", value, source=source)

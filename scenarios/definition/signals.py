@@ -14,7 +14,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import Chirp, Input, PseudoRandom, Pulse, Step, Table, Target
-from flexbeams.scenarios.definition.time_table import read_time_table
+from flexbeams.scenarios.definition.time_table import element_index, read_time_table
 
 TIME_TOLERANCE = 1e-9  # s
 IMPULSE_TOLERANCE = 0.05  # share of a pulse's impulse that its samples may miss
@@ -26,6 +26,8 @@ class Signal:
 
     width: int  # elements; a signal of width 1 may drive a whole array
     sample: Callable[[Array], Array]  # times (k,) in s, ascending, to values (k, width)
+    changes: Array | None = None  # s, of a table's rows or of targets
+    ordered_columns: tuple[str, ...] = ()  # names of a table's columns that go by their order
 
 
 def signal_of(drive: Input, folder: Path) -> Signal:
@@ -174,19 +176,45 @@ def table_rows(table: Table, to: str, folder: Path) -> Array:
     Without a choice, columns named like the elements of the input `to` go to these elements, whatever their order in
     the file; columns with other names go by their order.
     """
+    return _chosen_columns(table, to, folder)[0]
+
+
+def _chosen_columns(table: Table, to: str, folder: Path) -> tuple[Array, tuple[str, ...]]:
+    """As table_rows, and the names of columns that go by their order rather than by name or by the user's list."""
     path = folder / table.file
     if not isfile(path):
         raise InputError("table.file", "must be a file", str(path))
     rows = read_time_table(path)
     try:
-        values = rows.elements_of(to) if table.columns is None else rows.select(table.columns)
+        if table.columns is None:
+            values, ordered = rows.elements_of(to), () if rows.belongs_to(to) else tuple(rows.columns)
+        else:
+            values, names = rows.select(table.columns), rows.names(table.columns)
+            ordered = () if names == table.columns else tuple(names)
     except InputError as error:
         raise error.at("", "table.") from None
-    return np.column_stack([rows.time, values])
+    return np.column_stack([rows.time, values]), ordered
+
+
+def column_note(signal: Signal, names: list[str]) -> str:
+    """A note where columns of a table drive the elements `names` by their order, since their names are others."""
+    numbers = [element_index(column) for column in signal.ordered_columns]
+    if len(numbers) != len(names) or len(names) < 2 or numbers == [element_index(n) for n in names]:
+        return ""
+    pairs = ", ".join(f"{column} to {name}" for column, name in zip(signal.ordered_columns, names, strict=True))
+    return f"columns go by their order: {pairs}"
+
+
+def skipped_rows(signal: Signal, step: float, steps: int) -> int:
+    """How many changes of a table or of targets no step of a run sees, since the next one comes before the sample."""
+    if signal.changes is None:
+        return 0
+    samples = np.ceil((signal.changes - TIME_TOLERANCE) / step).clip(min=0)
+    return int(np.count_nonzero((np.diff(samples) == 0) & (samples[:-1] > 0) & (samples[:-1] <= steps)))
 
 
 def _table(drive: Input, table: Table, folder: Path) -> Signal:
-    rows = table_rows(table, drive.to, folder)
+    rows, ordered = _chosen_columns(table, drive.to, folder)
     times, values = rows[:, 0], rows[:, 1:]
 
     def hold(time: Array) -> Array:
@@ -195,7 +223,12 @@ def _table(drive: Input, table: Table, folder: Path) -> Signal:
     def join(time: Array) -> Array:
         return np.stack([np.interp(time, times, column) for column in values.T], axis=1)
 
-    return Signal(width=values.shape[1], sample=hold if table.hold == "zero" else join)
+    return Signal(
+        width=values.shape[1],
+        sample=hold if table.hold == "zero" else join,
+        changes=times,
+        ordered_columns=ordered,
+    )
 
 
 def _targets(targets: list[Target]) -> Signal:
@@ -205,5 +238,7 @@ def _targets(targets: list[Target]) -> Signal:
     values = np.array([np.zeros(sizes[0]), *[t.value for t in targets]])
     times = [t.time for t in targets]
     return Signal(
-        width=sizes[0], sample=lambda time: values[np.searchsorted(times, time + TIME_TOLERANCE, side="right")]
+        width=sizes[0],
+        sample=lambda time: values[np.searchsorted(times, time + TIME_TOLERANCE, side="right")],
+        changes=np.array(times),
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.definition.values import is_decimal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,13 +26,26 @@ class TimeTable:
 
         Raises InputError for a name that the header does not have.
         """
+        return self.values[:, self._chosen(names)]
+
+    def names(self, names: list[str]) -> list[str]:
+        """The names of the columns that `select` gives."""
+        return [self.columns[k] for k in self._chosen(names)]
+
+    def _chosen(self, names: list[str]) -> list[int]:
         chosen: list[int] = []
         for name in names:
             matches = [k for k, c in enumerate(self.columns) if c == name or c.startswith(f"{name}[")]
             if not matches:
                 raise InputError("columns", "names no column of the file" + suggestion(name, self.columns), name)
             chosen += sorted(matches, key=lambda k: element_index(self.columns[k]))
-        return self.values[:, chosen]
+        return chosen
+
+    def belongs_to(self, variable: str) -> bool:
+        """Whether the columns are named like the input "instance.name" or its elements."""
+        owner, _, name = variable.partition(".")
+        own = [c.removeprefix(f"{owner}.") for c in self.columns]
+        return any(c == name or (c.startswith(f"{name}[") and bool(element_index(c))) for c in own)
 
     def elements_of(self, variable: str) -> Array:
         """All columns, (rows, k), for the elements of an input "instance.name": by number where the header names them.
@@ -132,9 +146,6 @@ def _numbers(row: list[str], number: int, header: list[str], source: str) -> lis
     return values
 
 
-_NUMBER = re.compile(r"\s*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\s*", re.ASCII)
-
-
 def _is_number(text: str) -> bool:
-    """Whether a cell is a finite decimal number; digits of other scripts and 1_000, which float() takes, are none."""
-    return _NUMBER.fullmatch(text) is not None and isfinite(float(text))
+    """Whether a cell is a finite decimal number."""
+    return is_decimal(text.strip()) and isfinite(float(text))

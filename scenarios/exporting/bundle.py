@@ -15,6 +15,7 @@ from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.exporting.exportable import require_exportable
 from flexbeams.scenarios.exporting.links import Link
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.importing.fmu import unit_description
@@ -52,6 +53,7 @@ def build_bundle(
     as `run_scenario`, and BuildError where units cannot be compiled.
     """
     prepared = prepare_scenario(load_scenario(name), settings)
+    require_exportable(prepared)
     scenario, design = prepared.scenario, prepared.design
     units, files = [], {}
     for instance, declared in scenario.instance.items():
@@ -60,7 +62,7 @@ def build_bundle(
             files[instance].write_bytes(_provided_fmu(prepared, instance).read_bytes())
             continue
         kind = prepared.kinds[instance]
-        unit = native_unit(kind, design, prepared.models[instance], files[instance], prepared.starts[instance])
+        unit = native_unit(kind, design, prepared.models[instance], files[instance], prepared.numeric_starts(instance))
         units.append(unit.with_real_flags() if flags_as_real else unit)
     source, driven = _source(prepared, folder / f"{SIGNAL_SOURCE.name}.fmu")
     if driven:
@@ -118,7 +120,7 @@ def _source(prepared: PreparedScenario, out: Path) -> tuple[NativeUnit, dict[str
         prepared.scenario,
         prepared.folder,
         {n: i.variables for n, i in prepared.declarations.items()},
-        prepared.starts,
+        {n: prepared.numeric_starts(n) for n in prepared.starts},
         set(prepared.wiring.links()),
     )
     try:

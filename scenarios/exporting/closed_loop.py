@@ -17,6 +17,7 @@ from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.bundle import source_name
+from flexbeams.scenarios.exporting.exportable import require_exportable
 from flexbeams.scenarios.exporting.input_file import input_table
 from flexbeams.scenarios.exporting.source_signals import source_signals
 from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
@@ -54,6 +55,7 @@ def export_closed_loop(
     chosen = _chosen(loaded.scenario, parts, str(loaded.path))
     _check(loaded.scenario, chosen, str(loaded.path))
     prepared = prepare_scenario(loaded, settings)
+    require_exportable(prepared)
     options = LoopOptions(parts=chosen, with_signals=with_signals, flags_as_real=flags_as_real)
     try:
         unit = _unit(prepared, options, out)
@@ -135,7 +137,7 @@ def _part(prepared: PreparedScenario, name: str, flags_as_real: bool) -> LoopPar
     interface, data = kind.contents(prepared.design, prepared.models[name])
     if flags_as_real:
         interface = with_real_flags(interface)
-    return LoopPart(name=name, kind=kind, interface=interface.with_starts(prepared.starts[name]), data=data)
+    return LoopPart(name=name, kind=kind, interface=interface.with_starts(prepared.numeric_starts(name)), data=data)
 
 
 def _source(prepared: PreparedScenario, chosen: Sequence[str]) -> tuple[list[LoopPart], list[LoopWire]]:
@@ -151,7 +153,7 @@ def _source(prepared: PreparedScenario, chosen: Sequence[str]) -> tuple[list[Loo
         replace(scenario, input=inputs),
         prepared.folder,
         {name: prepared.declarations[name].variables for name in chosen},
-        prepared.starts,
+        {n: prepared.numeric_starts(n) for n in prepared.starts},
         set(prepared.wiring.links()),
         open_arrays=False,
     )

@@ -32,6 +32,7 @@ from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.exporting.container_parts import FOLDERS, Part, build_parts
+from flexbeams.scenarios.exporting.exportable import require_exportable
 from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
 
 PACKAGE = "fmu-manipulation-toolbox"
@@ -56,6 +57,7 @@ def export_container(
     targets = _targets(platforms)
     tool = _tool_version()
     prepared = prepare_scenario(load_scenario(name), settings)
+    require_exportable(prepared)
     links = prepared.wiring.links()
     with temporary_folder() as temporary:
         folder = temporary / "units"

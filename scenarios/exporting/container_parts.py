@@ -46,7 +46,7 @@ def build_parts(
             )
             continue
         kind, model = prepared.kinds[instance], prepared.models[instance]
-        units.append(native_unit(kind, prepared.design, model, file, prepared.starts[instance]))
+        units.append(native_unit(kind, prepared.design, model, file, prepared.numeric_starts(instance)))
         parts[instance] = Part(unit=declared.unit, variables=units[-1].interface.variables)
     if units:
         notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")

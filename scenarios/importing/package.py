@@ -43,6 +43,8 @@ class PackageConnection:
     start: tuple[str, str]  # component and connector
     end: tuple[str, str]
     converted: bool = True  # between units of measurement that differ
+    factor: float = 1.0  # of a transformation, after that conversion
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,7 @@
 """Runs of SSP packages: the same stepping as a scenario's, with the units and connections of the package."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,11 +14,11 @@ from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
 from flexbeams.scenarios.definition.settings import Settings, start_values
 from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.importing.archives import ExtractionBudget
-from flexbeams.scenarios.importing.package import Package
+from flexbeams.scenarios.importing.package import Package, PackageConnection
 from flexbeams.scenarios.importing.ssp import open_package
 from flexbeams.scenarios.results.run import Run, run_summary
 from flexbeams.scenarios.runs.execution import execute
-from flexbeams.scenarios.runs.observer import SILENT, Observer
+from flexbeams.scenarios.runs.observer import SILENT, Observer, ignore_note
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_wiring
 from flexbeams.scenarios.runs.requirements import require_memory, require_one_design, whole_steps
 from flexbeams.scenarios.validation.package import start_table, structure_problems, unit_descriptions
@@ -56,7 +56,7 @@ def run_package(file: Path | ExtractedPackage, settings: Settings, observer: Obs
     if isinstance(file, Path):
         with extracted_package(file) as extracted:
             return run_package(extracted, settings, observer)
-    prepared = prepare_package(file, settings)
+    prepared = prepare_package(file, settings, observer.notify)
     files = {name: component.fmu for name, component in file.package.components.items()}
     recording = execute(prepared, files, observer, replace(file.budget))
     ids = {str(v.start) for d in file.descriptions.values() for v in d.modelVariables if v.name == "design_id"}
@@ -82,7 +82,9 @@ def run_package(file: Path | ExtractedPackage, settings: Settings, observer: Obs
     )
 
 
-def prepare_package(extracted: ExtractedPackage, settings: Settings) -> PreparedRun:
+def prepare_package(
+    extracted: ExtractedPackage, settings: Settings, notify: Callable[[str], None] = ignore_note
+) -> PreparedRun:
     """Prepares the run of a package: names, sizes and values are checked."""
     for option, value in (("--structure", settings.structure), ("--basis", settings.basis)):
         if value is not None:
@@ -96,7 +98,7 @@ def prepare_package(extracted: ExtractedPackage, settings: Settings) -> Prepared
     require_one_design(declarations, source)
     sets: dict[str, Any] = {name: start_table(component) for name, component in package.components.items()}
     starts = start_values(scenario, declarations, settings.overrides, source, sets)
-    wiring = prepare_wiring(scenario, declarations, settings, source, starts)
+    wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify)
     steps = whole_steps(scenario, step, settings, source)
     require_memory(scenario, len(wiring.columns), steps, settings, source)
     return PreparedRun(
@@ -135,5 +137,11 @@ def _scenario(package: Package, step: float, settings: Settings, source: str) ->
         step=step,
         coupling=settings.coupling or package.coupling or "jacobi",
         instance={name: Instance(fmu=c.fmu.name) for name, c in package.components.items()},
-        connection=[Connection(**{"from": ".".join(c.start), "to": ".".join(c.end)}) for c in package.connections],
+        connection=[_connection(c) for c in package.connections],
     )
+
+
+def _connection(c: PackageConnection) -> Connection:
+    """A connection as a scenario has it; a package may switch the conversion of units of measurement off."""
+    ends: Any = {"from": ".".join(c.start), "to": ".".join(c.end)}
+    return Connection(**ends) if c.converted else Connection(**ends, factor=1.0, offset=0.0)

@@ -20,7 +20,9 @@ from flexbeams.scenarios.definition.settings import Settings, StartValues, requi
 from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.runs.observer import ignore_note
 from flexbeams.scenarios.runs.requirements import (
+    note_skipped_rows,
     reachable_checks,
+    require_discrete_signals,
     require_figures,
     require_measurable,
     require_memory,
@@ -45,6 +47,10 @@ class PreparedRun:
     declarations: dict[str, InstanceDeclaration]
     starts: dict[str, StartValues]
     wiring: Wiring
+
+    def numeric_starts(self, instance: str) -> dict[str, float | bool]:
+        """Start values of an instance but for Strings."""
+        return {name: value for name, value in self.starts[instance].items() if not isinstance(value, str)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +99,9 @@ def prepare_scenario(
     require_one_design(declarations, source)
     starts = start_values(scenario, declarations, settings.overrides, source)
     require_reachable_targets(scenario, design, kinds, declarations, starts, source)
-    wiring = prepare_wiring(scenario, declarations, settings, source, starts)
+    wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify)
+    require_discrete_signals(wiring, declarations, steps, step, source)
+    note_skipped_rows(scenario, wiring, steps, step, notify)
     require_memory(scenario, len(wiring.columns), steps, settings, source)
     scenario = reachable_checks(scenario, settings, source, notify)
     open_loop = None
@@ -125,9 +133,10 @@ def prepare_wiring(
     settings: Settings,
     source: str,
     starts: Mapping[str, StartValues],
+    notify: Callable[[str], None],
 ) -> Wiring:
     """The wiring of a run, with frames if its animation is recorded; no input that --set sets is driven."""
-    wiring = plan_wiring(scenario, declarations, source, starts)
+    wiring = plan_wiring(scenario, declarations, source, starts, notify)
     require_undriven(settings.overrides, wiring.driven())
     if settings.record_animation:
         wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))

@@ -14,11 +14,14 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings, StartValues
-from flexbeams.scenarios.definition.signals import TIME_TOLERANCE, require_sampled
+from flexbeams.scenarios.definition.signals import TIME_TOLERANCE, Signal, require_sampled, skipped_rows
+from flexbeams.scenarios.definition.values import require_value
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.curves import figure_curve
 from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.wiring import Wiring
 
+_CHUNK = 2**14  # steps whose signals are looked at together
 MAX_RECORDING_BYTES = 2**30  # of recorded values; writing result files takes a multiple of it
 
 
@@ -43,6 +46,44 @@ def require_sampled_signals(scenario: Scenario, step: float, source: str) -> Non
             require_sampled(drive, step)
         except InputError as error:
             raise error.at(source, f"input[{k}].") from None
+
+
+def require_discrete_signals(
+    wiring: Wiring, declarations: Mapping[str, InstanceDeclaration], steps: int, step: float, source: str
+) -> None:
+    """InputError for a signal with a value that an Integer, Boolean or Enumeration input cannot take."""
+    for owner, inputs in wiring.inputs.items():
+        for name, index in inputs:
+            variable = declarations[owner].variables[name]
+            span, signal = next(((s, f) for s, f in wiring.external if s.start <= index < s.stop), (slice(0), 0.0))
+            if variable.type == "Real" or isinstance(signal, float):
+                continue
+            column = index - span.start if signal.width > 1 else 0
+            for first in range(0, steps + 1, _CHUNK):
+                time = np.arange(first, min(first + _CHUNK, steps + 1), dtype=np.float64) * step
+                for value in np.unique(signal.sample(time)[:, column]):
+                    _require_discrete(f"{owner}.{name}", variable, float(value), source)
+
+
+def _require_discrete(name: str, variable: Any, value: float, source: str) -> None:
+    if variable.type == "Boolean":
+        if value not in (0.0, 1.0):
+            raise InputError(name, "is Boolean and must be driven by 0 and 1", value, source=source)
+    elif not value.is_integer():
+        raise InputError(name, f"is of type {variable.type} and must be driven by integers", value, source=source)
+    else:
+        require_value(name, variable, value, source)
+
+
+def note_skipped_rows(
+    scenario: Scenario, wiring: Wiring, steps: int, step: float, notify: Callable[[str], None]
+) -> None:
+    """Notes tables and targets with changes between two samples, which no unit sees."""
+    signals = [signal for _, signal in wiring.external if isinstance(signal, Signal)]
+    for k, (drive, signal) in enumerate(zip(scenario.input, signals, strict=True), 1):
+        if count := skipped_rows(signal, step, steps):
+            what = f"rows of {drive.table.file}" if drive.table else "targets"
+            notify(f"input[{k}]: {count} {what} have no effect, the next one comes within the same step of {step:g} s")
 
 
 def require_memory(scenario: Scenario, columns: int, steps: int, settings: Settings, source: str) -> None:

@@ -42,7 +42,8 @@ class CoSimulation:
             step=step,
         )
         for name, instance in instances.items():
-            instance.connect(wiring.reads[name], signals[wiring.spans[name]], [n for n, _ in wiring.inputs[name]])
+            written = [n for n, _ in wiring.inputs[name]]
+            instance.connect(wiring.reads[name], signals[wiring.spans[name]], written, wiring.conversions.get(name))
         self._python_stepper = PythonStepper(instances, self._bus)
         self.stepper: Stepper = stepper(instances, self._bus) if stepper else self._python_stepper
 
@@ -82,7 +83,8 @@ class CoSimulation:
                     frames.take(self._bus.signals)
             except UnitFailure as error:
                 failure, done = error, self.stepper.done
-        recording = rows.recording(self._wiring.columns, done, self._step, clock.perf_counter() - begin)
+        seconds = clock.perf_counter() - begin
+        recording = rows.recording(self._wiring.columns, done, self._step, seconds, self._wiring.converted_columns)
         recording.failure, recording.interrupted = failure, failure is None and done < steps
         recording.frames = frames.taken()
         if self.stepper.lateness is not None:

@@ -1,11 +1,11 @@
 """An FMU instance for the stepping loop: value references looked up once, buffers shared with the caller."""
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from fmpy import calloc, free
@@ -20,7 +20,9 @@ from fmpy.fmi2 import (
 from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.definition.declaration import TYPE_ORDER
+from flexbeams.scenarios.definition.declaration import TYPE_ORDER, access_order, access_type
+from flexbeams.scenarios.definition.dimensions import Conversion
+from flexbeams.scenarios.definition.values import TypedValue
 from flexbeams.scenarios.importing.library import library_file
 from flexbeams.scenarios.simulation.failure import UnitFailure
 
@@ -31,18 +33,27 @@ _FUNCTIONS = {
     "fmi2SetReal": _POINTERS,
     "fmi2GetInteger": _POINTERS,
     "fmi2GetBoolean": _POINTERS,
+    "fmi2SetInteger": _POINTERS,
+    "fmi2SetBoolean": _POINTERS,
     "fmi2DoStep": (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValueReferences:
-    """Value references that a run reads and writes at every step."""
+    """Value references that a run reads and writes at every step, by FMI's type; Enumerations are Integers."""
 
-    written: NDArray[np.uint32]  # Real inputs
-    read: NDArray[np.uint32]  # Real outputs
-    integers: NDArray[np.uint32]  # Integer outputs
-    booleans: NDArray[np.uint32]  # Boolean outputs
+    written: Mapping[str, NDArray[np.uint32]]  # inputs
+    read: Mapping[str, NDArray[np.uint32]]  # outputs
+
+
+class _Transfer(NamedTuple):
+    """One call that gets or sets variables of a type."""
+
+    function: str
+    arguments: tuple[Any, ...]
+    values: Array  # of all signals' array
+    buffer: NDArray[Any]  # that the library reads or fills; `values` itself for Real
 
 
 class UnitInstance:
@@ -109,11 +120,11 @@ class UnitInstance:
             raise UnitFailure(self.name, self.time, function, self.last_error)
         return result
 
-    def set_start(self, name: str, value: float | bool | str) -> None:
+    def set_start(self, name: str, value: TypedValue) -> None:
         """Sets one variable by name, by its type."""
         variable = self.variables[name]
         self.call(
-            f"set{variable.type}",
+            f"set{access_type(variable.type)}",
             [variable.valueReference],
             [value if variable.type == "String" else float(value) if variable.type == "Real" else int(value)],
         )
@@ -121,38 +132,43 @@ class UnitInstance:
     def get(self, name: str) -> float | bool | str:
         """Value of one variable."""
         variable = self.variables[name]
-        value = self.call(f"get{variable.type}", [variable.valueReference])[0]
+        value = self.call(f"get{access_type(variable.type)}", [variable.valueReference])[0]
         if variable.type == "String":
             return str(value.decode() if isinstance(value, bytes) else value)
         return bool(value) if variable.type == "Boolean" else float(value)
 
-    def connect(self, read: list[str], into: Array, write: list[str]) -> None:
+    def connect(
+        self, read: list[str], into: Array, write: list[str], conversions: Mapping[str, Conversion] | None = None
+    ) -> None:
         """`read` names fill `into` (len(read),), a slice of the caller's; `write` names take from `self.inputs`.
 
-        `read` has the Real variables first, then the Integer, then the Boolean ones.
+        Both have the Real variables first, then Integer and Enumeration, then Boolean ones. `conversions` are applied
+        to inputs by name.
         """
-        kinds = [self.variables[n].type for n in read]
-        if kinds != sorted(kinds, key=TYPE_ORDER.index):
-            raise ValueError("read must have Real, then Integer, then Boolean variables")
-        by_kind = {kind: self._references([n for n in read if self.variables[n].type == kind]) for kind in TYPE_ORDER}
-        self.references = ValueReferences(
-            written=self._references(write),
-            read=by_kind["Real"],
-            integers=by_kind["Integer"],
-            booleans=by_kind["Boolean"],
-        )
+        for names in (read, write):
+            orders = [access_order(self.variables[n]) for n in names]
+            if orders != sorted(orders):
+                raise ValueError("names must be of Real, then Integer, then Boolean variables")
+        self.references = ValueReferences(written=self._by_type(write), read=self._by_type(read))
         self._into, self.inputs = into, np.zeros(len(write))
-        n_real, n_integer = len(self.references.read), len(self.references.integers)
-        self._discrete = []
-        for function, references, first in (
-            ("fmi2GetInteger", self.references.integers, n_real),
-            ("fmi2GetBoolean", self.references.booleans, n_real + n_integer),
-        ):
-            if len(references):
-                values = np.zeros(len(references), np.int32)
-                self._discrete.append((function, self._arguments(references, values), values, first))
-        self._read = self._arguments(self.references.read, into) if n_real else None
-        self._write = self._arguments(self.references.written, self.inputs) if write else None
+        self.conversions = {write.index(name): c for name, c in (conversions or {}).items()}
+        self._read = self._transfers("Get", self.references.read, into)
+        self._write = self._transfers("Set", self.references.written, self.inputs)
+
+    def _by_type(self, names: list[str]) -> dict[str, NDArray[np.uint32]]:
+        kinds = {kind: [n for n in names if access_type(self.variables[n].type) == kind] for kind in TYPE_ORDER}
+        return {kind: self._references(of_kind) for kind, of_kind in kinds.items()}
+
+    def _transfers(self, verb: str, references: Mapping[str, NDArray[np.uint32]], values: Array) -> list[_Transfer]:
+        """The calls that get or set all values: Real ones from the array itself, others through a copy."""
+        transfers, first = [], 0
+        for kind, of_kind in references.items():
+            part = values[first : first + len(of_kind)]
+            first += len(of_kind)
+            buffer = part if kind == "Real" else np.zeros(len(of_kind), np.int32)
+            if len(of_kind):
+                transfers.append(_Transfer(f"fmi2{verb}{kind}", self._arguments(of_kind, buffer), part, buffer))
+        return transfers
 
     def reader(self, names: list[str]) -> Callable[[Array], None]:
         """A function that fills the head of an array with the values of Real variables, all in one call."""
@@ -165,16 +181,20 @@ class UnitInstance:
 
     def read(self) -> None:
         """Outputs into the caller's array."""
-        if self._read:
-            self._call("fmi2GetReal", self._read)
-        for function, arguments, values, first in self._discrete:
+        for function, arguments, values, buffer in self._read:
             self._call(function, arguments)
-            self._into[first : first + len(values)] = values
+            if buffer is not values:
+                values[:] = buffer
 
     def write(self) -> None:
-        """`self.inputs` to the unit."""
-        if self._write:
-            self._call("fmi2SetReal", self._write)
+        """`self.inputs`, converted, to the unit."""
+        for k, conversion in self.conversions.items():
+            self.inputs[k] *= conversion.factor
+            self.inputs[k] += conversion.offset
+        for function, arguments, values, buffer in self._write:
+            if buffer is not values:
+                buffer[:] = values
+            self._call(function, arguments)
 
     def step(self, time: float, step: float) -> None:
         """One doStep from `time`."""

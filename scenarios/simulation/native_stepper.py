@@ -13,32 +13,43 @@ from flexbeams.fmus.packaging.cache import is_sound, keep, prepare_cache, toolch
 from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.plant.basis import Array
 from flexbeams.plant.temporary import temporary_folder
+from flexbeams.scenarios.definition.declaration import TYPE_ORDER
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.stepping import SignalBus
 
 _NATIVE = Path(__file__).parent / "native"
+_FUNCTIONS = {  # of a unit, in the order of the C structure
+    "get_real": "fmi2GetReal",
+    "set_real": "fmi2SetReal",
+    "get_integer": "fmi2GetInteger",
+    "get_boolean": "fmi2GetBoolean",
+    "do_step": "fmi2DoStep",
+    "set_integer": "fmi2SetInteger",
+    "set_boolean": "fmi2SetBoolean",
+}
+_CONVERSION = np.dtype([("input", np.int64), ("factor", np.float64), ("offset", np.float64)])
+
+
+class _References(ctypes.Structure):
+    _fields_ = [
+        (field, kind)
+        for name in ("reals", "integers", "booleans")
+        for field, kind in ((name, ctypes.c_void_p), (f"n_{name}", ctypes.c_size_t))
+    ]
 
 
 class _Unit(ctypes.Structure):
     _fields_ = [
         ("component", ctypes.c_void_p),
-        ("get_real", ctypes.c_void_p),
-        ("set_real", ctypes.c_void_p),
-        ("get_integer", ctypes.c_void_p),
-        ("get_boolean", ctypes.c_void_p),
-        ("do_step", ctypes.c_void_p),
-        ("written", ctypes.c_void_p),
-        ("n_written", ctypes.c_size_t),
+        *((name, ctypes.c_void_p) for name in _FUNCTIONS),
+        ("written", _References),
         ("sources", ctypes.c_void_p),
         ("n_sources", ctypes.c_size_t),
+        ("conversions", ctypes.c_void_p),
+        ("n_conversions", ctypes.c_size_t),
         ("inputs", ctypes.c_void_p),
-        ("read", ctypes.c_void_p),
-        ("n_read", ctypes.c_size_t),
-        ("integers", ctypes.c_void_p),
-        ("n_integers", ctypes.c_size_t),
-        ("booleans", ctypes.c_void_p),
-        ("n_booleans", ctypes.c_size_t),
+        ("read", _References),
         ("scratch", ctypes.c_void_p),
         ("first_output", ctypes.c_int64),
     ]
@@ -155,39 +166,28 @@ class NativeStepper:
     def _describe(self, instance: UnitInstance) -> _Unit:
         references = instance.references
         sources = _spans(self._bus.sources[instance.name])
-        scratch = np.zeros(max(len(references.integers) + len(references.booleans), 1), np.int32)
-        arrays = [
-            np.array(array, np.uint32)
-            for array in (references.written, references.read, references.integers, references.booleans)
-        ]
-        self._referenced += [sources, scratch, *arrays]
-        written, read, integers, booleans = (a.ctypes.data for a in arrays)
+        conversions = np.array([(k, c.factor, c.offset) for k, c in instance.conversions.items()], _CONVERSION)
+        scratch = np.zeros(max(len(instance.inputs), sum(map(len, references.read.values())), 1), np.int32)
+        self._referenced += [sources, conversions, scratch]
         return _Unit(
             component=instance.component,
-            written=written,
-            n_written=len(references.written),
+            written=self._typed(references.written),
             sources=sources.ctypes.data,
             n_sources=len(sources),
+            conversions=conversions.ctypes.data,
+            n_conversions=len(conversions),
             inputs=instance.inputs.ctypes.data,
-            read=read,
-            n_read=len(references.read),
-            integers=integers,
-            n_integers=len(references.integers),
-            booleans=booleans,
-            n_booleans=len(references.booleans),
+            read=self._typed(references.read),
             scratch=scratch.ctypes.data,
             first_output=self._bus.spans[instance.name].start,
-            **{
-                field: instance.address(name)
-                for field, name in (
-                    ("get_real", "fmi2GetReal"),
-                    ("set_real", "fmi2SetReal"),
-                    ("get_integer", "fmi2GetInteger"),
-                    ("get_boolean", "fmi2GetBoolean"),
-                    ("do_step", "fmi2DoStep"),
-                )
-            },
+            **{field: instance.address(name) for field, name in _FUNCTIONS.items()},
         )
+
+    def _typed(self, references: Mapping[str, NDArray[np.uint32]]) -> _References:
+        """Value references by type as the C loop takes them."""
+        arrays = [np.array(references[kind], np.uint32) for kind in TYPE_ORDER]
+        self._referenced += arrays
+        return _References(*[value for array in arrays for value in (array.ctypes.data, len(array))])
 
 
 def _spans(indices: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -1,12 +1,14 @@
 """Recording of a run: chosen signals at every step, or at every n-th."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
+from flexbeams.scenarios.definition.dimensions import Conversion
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.frames import Frames
 
@@ -47,9 +49,19 @@ class Rows:
         """The signals as they are after `done` steps."""
         np.take(self._signals, self._recorded, out=self.values[self.count(done) - 1])
 
-    def recording(self, columns: Sequence[str], done: int, step: float, wall_seconds: float) -> Recording:
-        """The recording of the first `done` steps of `step` s."""
+    def recording(
+        self,
+        columns: Sequence[str],
+        done: int,
+        step: float,
+        wall_seconds: float,
+        converted: Mapping[int, Conversion] = MappingProxyType({}),
+    ) -> Recording:
+        """The recording of the first `done` steps of `step` s; `converted` are columns of inputs that take others."""
         count = self.count(done)
+        for column, conversion in converted.items():
+            self.values[:count, column] *= conversion.factor
+            self.values[:count, column] += conversion.offset
         return Recording(
             time=np.minimum(np.arange(count) * self.decimate, done) * step,
             columns=list(columns),

@@ -1,13 +1,16 @@
 """Wiring of a run: the index of every signal in one array, and which input takes which signal."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.definition.declaration import TYPE_ORDER, InstanceDeclaration, element_names
-from flexbeams.scenarios.definition.schema import Scenario
-from flexbeams.scenarios.definition.signals import Signal, signal_of
+from flexbeams.scenarios.definition.compatibility import joined
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, access_order, element_names
+from flexbeams.scenarios.definition.dimensions import Conversion
+from flexbeams.scenarios.definition.schema import Connection, Scenario
+from flexbeams.scenarios.definition.signals import Signal, column_note, signal_of
+from flexbeams.scenarios.definition.values import TypedValue, own_start
 from flexbeams.scenarios.simulation.frames import FrameLayout
 
 
@@ -24,6 +27,8 @@ class Wiring:
     columns: list[str] = field(default_factory=list)  # names of the recorded signals
     recorded: list[int] = field(default_factory=list)  # their indices
     frames: FrameLayout | None = None
+    conversions: dict[str, dict[str, Conversion]] = field(default_factory=dict)  # of inputs, by instance
+    converted_columns: dict[int, Conversion] = field(default_factory=dict)  # by number of the column
 
     def links(self) -> dict[str, str]:
         """<instance>.<output> by the <instance>.<input> that takes its value, in the order of the inputs."""
@@ -46,14 +51,15 @@ def plan_wiring(
     scenario: Scenario,
     declarations: Mapping[str, InstanceDeclaration],
     source: str,
-    starts: Mapping[str, Mapping[str, float | bool]],
+    starts: Mapping[str, Mapping[str, TypedValue]],
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Wiring:
     """The wiring of a scenario, with every connection, input and record entry resolved.
 
-    Recorded inputs that nothing drives hold their start value: that of `starts`, or the unit's own. Raises InputError
-    with file (`source`), key and value.
+    Recorded inputs that nothing drives hold their start value: that of `starts`, or the unit's own. Conversions of
+    units of measurement are noted. Raises InputError with file (`source`), key and value.
     """
-    return _Builder(scenario, declarations, source, starts).build()
+    return _Builder(scenario, declarations, source, starts, notify).build()
 
 
 class _Builder:
@@ -64,8 +70,10 @@ class _Builder:
         scenario: Scenario,
         declarations: Mapping[str, InstanceDeclaration],
         source: str,
-        starts: Mapping[str, Mapping[str, float | bool]],
+        starts: Mapping[str, Mapping[str, TypedValue]],
+        notify: Callable[[str], None],
     ) -> None:
+        self._notify = notify
         self._scenario, self._declarations, self._source, self._starts = scenario, declarations, source, starts
         self._wiring = Wiring(size=0, sources={}, inputs={name: [] for name in declarations}, reads={}, spans={})
         self._extra = {  # signals that the scenario records in addition
@@ -81,9 +89,10 @@ class _Builder:
         self._connect()
         self._drive()
         self._add_undriven_inputs()
-        for name, declaration in self._declarations.items():  # in the order of the unit, which takes them in one call
+        for name, declaration in self._declarations.items():  # in the order of the unit, which takes a type in one call
             indices = dict(self._wiring.inputs[name])
-            self._wiring.inputs[name] = [(v, indices[v]) for v in declaration.variables if v in indices]
+            written = sorted((v for v in declaration.variables.values() if v.name in indices), key=access_order)
+            self._wiring.inputs[name] = [(v.name, indices[v.name]) for v in written]
         self._choose_columns()
         return self._wiring
 
@@ -101,6 +110,8 @@ class _Builder:
             if v.type != "String" and causality in (None, v.causality)
         }
         if not (names := element_names(usable, variable)):
+            if element_names(self._declarations[owner].variables, variable) and causality is None:
+                raise self._error(key, "is a String, which runs do not record", text)
             arrays = dict.fromkeys(n if "]." in n else n.split("[")[0] for n in usable)
             hint = suggestion(variable.split("[")[0], arrays)
             kind = f"an {causality}" if causality else "a variable"
@@ -112,11 +123,11 @@ class _Builder:
         read = [
             v
             for v in self._declarations[owner].variables.values()
-            if v.type in TYPE_ORDER
+            if v.type != "String"
             and v.causality != "input"
             and (v.causality == "output" or f"{owner}.{v.name}" in self._extra)
         ]
-        read.sort(key=lambda v: TYPE_ORDER.index(v.type))
+        read.sort(key=access_order)
         wiring.reads[owner] = [v.name for v in read]
         wiring.spans[owner] = slice(wiring.size, wiring.size + len(read))
         wiring.sources |= {f"{owner}.{v.name}": wiring.size + k for k, v in enumerate(read)}
@@ -138,6 +149,31 @@ class _Builder:
             self._require_undriven(f"{key}.to", target, inputs)
             indices = [self._wiring.sources[f"{source}.{name}"] for name in outputs]
             self._wiring.inputs[target] += zip(inputs, indices, strict=True)
+            self._convert(key, connection, (source, outputs), (target, inputs))
+
+    def _convert(
+        self, key: str, connection: Connection, start: tuple[str, list[str]], end: tuple[str, list[str]]
+    ) -> None:
+        """Compares types and units of measurement of a connection, and notes a conversion."""
+        given = None
+        if connection.factor is not None or connection.offset is not None:
+            factor = 1.0 if connection.factor is None else connection.factor
+            given = Conversion(factor=factor, offset=connection.offset or 0.0)
+        one, other = self._declarations[start[0]], self._declarations[end[0]]
+        noted = set()
+        for output, name in zip(start[1], end[1], strict=True):
+            pair = one.variables[output], other.variables[name]
+            conversion = joined(*pair, one.dimensions, other.dimensions, given)
+            if isinstance(conversion, str):
+                raise self._error(key, conversion, f"{start[0]}.{output} to {end[0]}.{name}")
+            if not conversion.trivial:
+                self._wiring.conversions.setdefault(end[0], {})[name] = conversion
+                noted.add(
+                    f"from {pair[0].unit} to {pair[1].unit} by the factor {conversion.factor:g}"
+                    + (f" and the offset {conversion.offset:g}" if conversion.offset else "")
+                )
+        for text in sorted(noted) if given is None else ():
+            self._notify(f"{connection.source} to {connection.to} is converted {text}")
 
     def _drive(self) -> None:
         for k, drive in enumerate(self._scenario.input, 1):
@@ -147,20 +183,22 @@ class _Builder:
                 signal = signal_of(drive, Path(self._source).parent)
             except InputError as error:
                 raise error if error.source else error.at(self._source, f"{key}.") from None
+            if text := column_note(signal, names):
+                self._notify(f"{key}: {text}")
             if signal.width not in (1, len(names)):
                 raise self._error(key, f"must give {len(names)} values for {drive.to}", signal.width)
             self._require_undriven(f"{key}.to", owner, names)
             self._add_external(owner, names, signal)
 
     def _add_undriven_inputs(self) -> None:
-        """Real inputs that nothing drives and that are recorded: of kinds that record them, or as the scenario adds."""
+        """Inputs that nothing drives and that are recorded: of kinds that record them, or as the scenario adds."""
         for owner, declaration in self._declarations.items():
             driven = {name for name, _ in self._wiring.inputs[owner]}
             for v in declaration.variables.values():
                 recorded = _records_inputs(declaration) or f"{owner}.{v.name}" in self._extra
-                if v.causality == "input" and v.type == "Real" and v.name not in driven and recorded:
-                    start = self._starts.get(owner, {}).get(v.name, v.start)
-                    self._add_external(owner, [v.name], float(start or 0.0))
+                if v.causality == "input" and v.type != "String" and v.name not in driven and recorded:
+                    start = self._starts.get(owner, {}).get(v.name)
+                    self._add_external(owner, [v.name], own_start(v) if start is None else float(start))
 
     def _add_external(self, owner: str, names: Sequence[str], signal: Signal | float) -> None:
         wiring = self._wiring
@@ -181,6 +219,8 @@ class _Builder:
                 own_input = v.causality == "input" and _records_inputs(declaration)
                 index = wiring.sources.get(name, sources.get(v.name))
                 if index is not None and (output or own_input or name in self._extra):
+                    if v.causality == "input" and v.name in wiring.conversions.get(owner, {}):
+                        wiring.converted_columns[len(wiring.columns)] = wiring.conversions[owner][v.name]
                     wiring.columns.append(name)
                     wiring.recorded.append(index)
 

@@ -13,11 +13,11 @@ from flexbeams.fmus.documents.xml_documents import SSV
 from flexbeams.fmus.references.results import EXPERIMENTS_TYPE, FOLDER, MANIFEST, SET_TYPE
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.definition.declaration import TYPE_ORDER
+from flexbeams.scenarios.definition.declaration import access_order
 from flexbeams.scenarios.definition.time_table import TimeTable, read_time_table
+from flexbeams.scenarios.definition.values import TypedValue, value_of_text
 from flexbeams.scenarios.importing.xml_reading import read_document, schema_problems
 
-Value = float | bool | str
 DEFAULT_TOLERANCE = 1e-6  # of an experiment without a tolerance
 MAX_STEPS = 10**6  # steps
 _OLD_TYPE = "application/x-ma-ls-experiments"  # the type in FMI-LS-REF 1.0.0-alpha.1
@@ -46,7 +46,7 @@ class ReferenceRun:
     step: float  # s
     steps_done: list[int]  # steps done at each row of the references
     tolerance: float
-    parameters: dict[str, Value]
+    parameters: dict[str, TypedValue]
     names: list[str]  # of the references, Real before Integer before Boolean
     expected: Array  # (len(steps_done), len(names))
     inputs: list[str]
@@ -128,12 +128,13 @@ def read_reference_run(folder: Path, description: Any, experiment: DeclaredExper
         raise InputError("References", f"must lie within {MAX_STEPS} steps of {step:g} s from {start:g} s on")
     if np.max(np.abs(steps_done - np.round(steps_done))) > 1e-6:
         raise InputError("References", f"must have rows at multiples of {step:g} s only")
-    names = sorted(_selected(experiment.references, references), key=lambda n: TYPE_ORDER.index(variables[n].type))
+    names = sorted(_selected(experiment.references, references), key=lambda n: access_order(variables[n]))
     stimuli = None if experiment.stimuli is None else _table(folder, experiment.base, experiment.stimuli, variables)
     inputs = [] if stimuli is None else stimuli.columns
     for name in inputs:
-        if variables[name].causality != "input" or variables[name].type != "Real":
-            raise InputError(name, "must be a Real input to be driven by stimuli", variables[name].type)
+        if variables[name].causality != "input":
+            raise InputError(name, "must be an input to be driven by stimuli", variables[name].causality)
+    order = sorted(range(len(inputs)), key=lambda k: access_order(variables[inputs[k]]))
     times = start + step * np.arange(round(float(steps_done[-1])) + 1.0)
     return ReferenceRun(
         start=start,
@@ -143,8 +144,8 @@ def read_reference_run(folder: Path, description: Any, experiment: DeclaredExper
         tolerance=_tolerance(experiment.tolerance),
         parameters=_parameters(folder, experiment, variables),
         expected=references.values[:, [references.columns.index(n) for n in names]],
-        inputs=inputs,
-        driven=np.zeros((len(times), 0)) if stimuli is None else values_at(stimuli, times, step, variables),
+        inputs=[inputs[k] for k in order],
+        driven=np.zeros((len(times), 0)) if stimuli is None else values_at(stimuli, times, step, variables)[:, order],
     )
 
 
@@ -158,7 +159,12 @@ def values_at(stimuli: TimeTable, times: Array, step: float, variables: dict[str
     gap = np.where(stimuli.time[after] > stimuli.time[row], stimuli.time[after] - stimuli.time[row], np.inf)
     fraction = np.clip((times - stimuli.time[row]) / gap, 0, 1)
     fraction[np.abs(times - stimuli.time[row]) <= 1e-6 * step] = 0.0
-    continuous = np.array([variables[n].variability not in ("discrete", "tunable") for n in stimuli.columns])
+    continuous = np.array(
+        [
+            variables[n].variability not in ("discrete", "tunable") and variables[n].type == "Real"
+            for n in stimuli.columns
+        ]
+    )
     here, there = stimuli.values[row], stimuli.values[after]
     values: Array = np.where(continuous & (fraction[:, None] > 0), here + fraction[:, None] * (there - here), here)
     return values
@@ -175,8 +181,8 @@ def _table(folder: Path, base: str, element: Any, variables: dict[str, Any]) -> 
     for name in table.columns:
         if name not in variables:
             raise InputError(source, "must name variables of the unit" + suggestion(name, variables), name)
-        if variables[name].type not in TYPE_ORDER:
-            raise InputError(source, f"must be of {', '.join(TYPE_ORDER)}", name)
+        if variables[name].type == "String":
+            raise InputError(source, "must be of numbers and truth values, not String", name)
     return table
 
 
@@ -189,7 +195,7 @@ def _selected(element: Any, table: TimeTable) -> list[str]:
     return selected or table.columns
 
 
-def _parameters(folder: Path, experiment: DeclaredExperiment, variables: dict[str, Any]) -> dict[str, Value]:
+def _parameters(folder: Path, experiment: DeclaredExperiment, variables: dict[str, Any]) -> dict[str, TypedValue]:
     """Values of a parameter set, in the FMU's units of measurement."""
     element = experiment.parameters
     if element is None:
@@ -201,7 +207,7 @@ def _parameters(folder: Path, experiment: DeclaredExperiment, variables: dict[st
     root = _document(folder, where)
     if problems := schema_problems(root, SSV):
         raise InputError(source, f"must be valid by the schema of SSP 1.0: {problems[0]}")
-    values: dict[str, Value] = {}
+    values: dict[str, TypedValue] = {}
     for parameter in root.iterfind(f"{{{SSV}}}Parameters/{{{SSV}}}Parameter"):
         name, typed = parameter.get("name"), parameter[0]
         variable = variables.get(name)
@@ -211,14 +217,12 @@ def _parameters(folder: Path, experiment: DeclaredExperiment, variables: dict[st
             or (typed.get("unit") or variable.unit) != variable.unit
         ):
             raise InputError(source, "must have parameters of the unit, of its types and units", name)
-        text = typed.get("value")
-        values[name] = (
-            text in ("true", "1")
-            if variable.type == "Boolean"
-            else text
-            if variable.type == "String"
-            else _number(text, name)
-        )
+        try:
+            values[name] = value_of_text(variable, typed.get("value"))
+        except ValueError as error:
+            raise InputError(name, str(error)) from None
+        if variable.type == "Real":
+            _number(typed.get("value"), name)
     return values
 
 

@@ -127,7 +127,7 @@ SCENARIOS = {
     ),
     "text_for_value": (
         swapped("= 0.9", '= "fast"'),
-        "instance.feedforward.start.transition_time must be a number, got 'fast'",
+        "instance.feedforward.start.transition_time must be of type Real, got 'fast'",
     ),
     "table_for_value": (
         swapped("= 0.9", "= { a = 1 }"),
@@ -425,7 +425,7 @@ OPTIONS = {
     "output": (["--set", "plant.y_pi[1]=1"], "--set plant.y_pi[1] is not settable"),
     "text_for_number": (
         ["--set", "plant.u=high"],
-        "plant.u must be a number, numbers separated by commas, true or false, got 'high'",
+        "--set plant.u must be of type Real, got 'high'",
     ),
     "nan": (["--set", "plant.force[1]=nan"], "plant.force[1] must be finite, got 'nan'"),
     "number_for_boolean": (

@@ -65,17 +65,40 @@ static void gather(const double *signals, const SignalSpan *spans, size_t n, dou
     }
 }
 
+static int write_integers(CoupledRun *run, size_t i, SetIntegers set, const unsigned int *references, size_t n,
+                          const double *values)
+{
+    SteppedUnit *const unit = &run->units[i];
+    if (n == 0)
+        return 0;
+    for (size_t k = 0; k < n; k++)
+        unit->scratch[k] = (int)values[k];
+    return failed(run, i, SET, set(unit->component, references, n, unit->scratch));
+}
+
 static int write_inputs(CoupledRun *run, size_t i)
 {
     SteppedUnit *const unit = &run->units[i];
-    if (unit->n_written == 0)
+    const TypedReferences *const written = &unit->written;
+    if (unit->n_sources == 0)
         return 0;
     const double *values = run->signals + unit->sources[0].first;
-    if (unit->n_sources > 1) {
+    if (unit->n_sources > 1 || unit->n_conversions > 0) {
         gather(run->signals, unit->sources, unit->n_sources, unit->inputs);
+        for (size_t k = 0; k < unit->n_conversions; k++) {
+            double *const input = &unit->inputs[unit->conversions[k].input];
+            *input *= unit->conversions[k].factor; /* two statements: no fused multiply-add */
+            *input += unit->conversions[k].offset;
+        }
         values = unit->inputs;
     }
-    return failed(run, i, SET, unit->set_real(unit->component, unit->written, unit->n_written, values));
+    if (written->n_reals > 0 &&
+        failed(run, i, SET, unit->set_real(unit->component, written->reals, written->n_reals, values)))
+        return 1;
+    values += written->n_reals;
+    return write_integers(run, i, unit->set_integer, written->integers, written->n_integers, values) ||
+           write_integers(run, i, unit->set_boolean, written->booleans, written->n_booleans,
+                          values + written->n_integers);
 }
 
 static int read_integers(CoupledRun *run, size_t i, GetIntegers get, const unsigned int *references, size_t n,
@@ -94,12 +117,13 @@ static int read_integers(CoupledRun *run, size_t i, GetIntegers get, const unsig
 static int read_outputs(CoupledRun *run, size_t i)
 {
     SteppedUnit *const unit = &run->units[i];
+    const TypedReferences *const read = &unit->read;
     double *out = run->signals + unit->first_output;
-    if (unit->n_read > 0 && failed(run, i, GET, unit->get_real(unit->component, unit->read, unit->n_read, out)))
+    if (read->n_reals > 0 && failed(run, i, GET, unit->get_real(unit->component, read->reals, read->n_reals, out)))
         return 1;
-    out += unit->n_read;
-    return read_integers(run, i, unit->get_integer, unit->integers, unit->n_integers, out) ||
-           read_integers(run, i, unit->get_boolean, unit->booleans, unit->n_booleans, out + unit->n_integers);
+    out += read->n_reals;
+    return read_integers(run, i, unit->get_integer, read->integers, read->n_integers, out) ||
+           read_integers(run, i, unit->get_boolean, read->booleans, read->n_booleans, out + read->n_integers);
 }
 
 static int step_once(CoupledRun *run, size_t i, double time)

@@ -14,6 +14,7 @@
 typedef int (*GetReals)(void *component, const unsigned int *references, size_t n, double *values);
 typedef int (*SetReals)(void *component, const unsigned int *references, size_t n, const double *values);
 typedef int (*GetIntegers)(void *component, const unsigned int *references, size_t n, int *values);
+typedef int (*SetIntegers)(void *component, const unsigned int *references, size_t n, const int *values);
 typedef int (*DoStep)(void *component, double time, double step, int no_restore);
 
 /* Consecutive signals. */
@@ -21,6 +22,23 @@ typedef struct {
     int64_t first;
     int64_t count;
 } SignalSpan;
+
+/* An input that takes factor * signal + offset. */
+typedef struct {
+    int64_t input; /* number among all inputs */
+    double factor;
+    double offset;
+} SignalConversion;
+
+/* Value references of the variables of each type; Enumerations are Integers. */
+typedef struct {
+    const unsigned int *reals;
+    size_t n_reals;
+    const unsigned int *integers;
+    size_t n_integers;
+    const unsigned int *booleans;
+    size_t n_booleans;
+} TypedReferences;
 
 /* One instance of a unit: its functions, and which signals its variables are. */
 typedef struct {
@@ -30,18 +48,16 @@ typedef struct {
     GetIntegers get_integer;
     GetIntegers get_boolean;
     DoStep do_step;
-    const unsigned int *written; /* value references of the inputs */
-    size_t n_written;
-    const SignalSpan *sources; /* signals of the inputs, in their order */
+    SetIntegers set_integer;
+    SetIntegers set_boolean;
+    TypedReferences written;   /* inputs */
+    const SignalSpan *sources; /* signals of the inputs, in their order: Real, then Integer, then Boolean ones */
     size_t n_sources;
-    double *inputs;           /* scratch, one value an input */
-    const unsigned int *read; /* value references of the Real outputs */
-    size_t n_read;
-    const unsigned int *integers; /* of the Integer outputs */
-    size_t n_integers;
-    const unsigned int *booleans; /* of the Boolean outputs */
-    size_t n_booleans;
-    int *scratch;         /* one value an Integer or Boolean output */
+    const SignalConversion *conversions;
+    size_t n_conversions;
+    double *inputs;       /* scratch, one value an input */
+    TypedReferences read; /* outputs */
+    int *scratch;         /* one value an Integer or Boolean input or output, whichever are more */
     int64_t first_output; /* first signal: Real outputs, then Integer, then Boolean ones */
 } SteppedUnit;
 

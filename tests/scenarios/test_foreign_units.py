@@ -1,0 +1,203 @@
+"""Third-party units: every value reaches its variable, by type, index and unit of measurement, or is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.observer import Observer
+from flexbeams.scenarios.runs.scenario import run_scenario
+from tests.units.foreign.unit import ForeignUnit, ForeignVariable
+
+pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
+
+V = ForeignVariable
+HEAD = 'title = "foreign"\nstructure = "single_beam"\nstop_time = 0.05\nstep = 0.01\n'
+GAIN = [  # references from 0 for each type, elements declared backwards
+    V(name="gain", type="Real", causality="parameter", reference=0, start="2"),
+    V(name="u[2]", type="Real", causality="input", reference=1, start="0", unit="mm"),
+    V(name="u[1]", type="Real", causality="input", reference=2, start="0", unit="mm"),
+    V(name="y[2]", type="Real", causality="output", reference=4, unit="mm"),
+    V(name="y[1]", type="Real", causality="output", reference=3, unit="mm"),
+    V(name="k", type="Integer", causality="input", reference=0, start="1"),
+    V(name="n", type="Integer", causality="output", reference=1),
+    V(name="b", type="Boolean", causality="input", reference=0, start="false"),
+    V(name="c", type="Boolean", causality="output", reference=1),
+    V(name="mode", type="Enumeration", causality="parameter", reference=2, start="1"),
+    V(name="shown", type="Enumeration", causality="output", reference=3),
+    V(name="label", type="String", causality="parameter", reference=0, start="abc"),
+    V(name="letters", type="Integer", causality="output", reference=4),
+    V(name="seen", type="Real", causality="output", reference=5),
+    V(name="target", type="Enumeration", causality="input", reference=5, start="1"),
+]
+RULES = ["map R 3 2 1", "map R 4 1 10", "map I 1 0 2", "map B 1 0", "map I 3 2 1", "letters 4 0", "map R 5 0 1"]
+SENSOR = [
+    V(name="x[1]", type="Real", causality="output", reference=0, start="1", unit="m"),
+    V(name="x[2]", type="Real", causality="output", reference=1, start="2", unit="m"),
+    V(name="warm", type="Real", causality="output", reference=2, start="20", unit="degC"),
+    V(name="count", type="Integer", causality="output", reference=0, start="7"),
+    V(name="flag", type="Boolean", causality="output", reference=0, start="true"),
+    V(name="state", type="Enumeration", causality="output", reference=1, start="3"),
+]
+KELVIN = [
+    V(name="t", type="Real", causality="input", reference=0, start="0", unit="K"),
+    V(name="v", type="Real", causality="input", reference=1, start="0", unit="V"),
+]
+
+
+class Bench:
+    """Writes scenarios of three third-party units and runs them, with the loop in C or in Python."""
+
+    def __init__(self, folder: Path, build_folder: Path) -> None:
+        self.folder, self.build_folder, self.notes = folder, build_folder, list[str]()
+        ForeignUnit(variables=GAIN, rules=RULES).write(folder / "gain.fmu")
+        ForeignUnit(variables=SENSOR, dependencies={}).write(folder / "sensor.fmu")
+        ForeignUnit(variables=KELVIN).write(folder / "kelvin.fmu")
+
+    def run(self, text: str, **settings: object) -> Run:
+        path = self.folder / "case.toml"
+        path.write_text(f"{HEAD}{text}")
+        self.notes.clear()
+        options = Settings(build_folder=self.build_folder, **settings)  # type: ignore[arg-type]
+        return run_scenario(path, options, Observer(notify=self.notes.append))
+
+    def last(self, text: str, **settings: object) -> dict[str, float]:
+        """The recorded values of the last row by column."""
+        recording = self.run(text, **settings).recording
+        return dict(zip(recording.columns, recording.values[-1].tolist(), strict=True))
+
+
+@pytest.fixture(params=["c", "python"])
+def bench(request: pytest.FixtureRequest, tmp_path: Path, run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    if request.param == "python":
+        monkeypatch.setattr("flexbeams.scenarios.runs.execution._stepper", lambda instances, prepared: None)
+    return Bench(tmp_path, run_folder / "build/fmus")
+
+
+G = '[instance.g]\nfmu = "gain.fmu"\n'
+S = '[instance.s]\nfmu = "sensor.fmu"\n'
+
+
+def drive(to: str, signal: str) -> str:
+    return f'[[input]]\nto = "{to}"\n{signal}\n'
+
+
+def wire(source: str, to: str, more: str = "") -> str:
+    return f'[[connection]]\nfrom = "{source}"\nto = "{to}"\n{more}\n'
+
+
+def test_inputs_of_each_type_are_set_by_their_own_function(bench: Bench) -> None:
+    values = bench.last(
+        G
+        + drive("g.u", "constant = [3.0, 5.0]")
+        + drive("g.k", "step = { time = 0.02, value = 4 }")
+        + drive("g.b", "constant = 1"),
+        overrides={},
+    )
+    assert values["g.y[1]"] == 3.0
+    assert values["g.y[2]"] == 50.0
+    assert (values["g.n"], values["g.c"], values["g.seen"]) == (8.0, 0.0, 2.0)  # the parameter gain is untouched
+
+
+def test_outputs_of_each_type_drive_inputs_of_theirs(bench: Bench) -> None:
+    values = bench.last(
+        'record = ["g.u", "g.k", "g.b", "g.target", "g.mode", "g.gain"]\n'
+        + G
+        + S
+        + wire("s.x", "g.u")
+        + wire("s.count", "g.k")
+        + wire("s.flag", "g.b")
+        + wire("s.state", "g.target")
+    )
+    assert (values["g.u[1]"], values["g.u[2]"]) == (1000.0, 2000.0)
+    assert (values["g.y[1]"], values["g.y[2]"]) == (1000.0, 20000.0)
+    assert (values["g.n"], values["g.c"], values["s.state"]) == (14.0, 0.0, 3.0)
+    assert (values["g.k"], values["g.b"], values["g.target"]) == (7.0, 1.0, 3.0)
+    assert (values["g.mode"], values["g.gain"]) == (1.0, 2.0)
+    assert bench.notes == ["s.x to g.u is converted from m to mm by the factor 1000"]
+
+
+def test_a_factor_takes_the_place_of_the_conversion(bench: Bench) -> None:
+    values = bench.last(G + S + wire("s.x", "g.u", "factor = 2.0\noffset = 0.5"))
+    assert (values["g.y[1]"], values["g.y[2]"]) == (2.5, 45.0)
+    assert not bench.notes
+
+
+def test_units_with_an_offset_and_integers_for_reals(bench: Bench) -> None:
+    text = 'record = ["k.t", "k.v"]\n' + S + '[instance.k]\nfmu = "kelvin.fmu"\n'
+    values = bench.last(text + wire("s.warm", "k.t") + wire("s.count", "k.v"))
+    assert values["k.t"] == pytest.approx(293.15, rel=1e-15)
+    assert values["k.v"] == 7.0
+    assert bench.notes == ["s.warm to k.t is converted from degC to K by the factor 1 and the offset 273.15"]
+
+
+@pytest.mark.parametrize("item", ["on", 2.0])
+def test_start_values_of_each_type(bench: Bench, item: object) -> None:
+    values = bench.last(
+        'record = ["g.k", "g.b"]\n' + G + 'start.label = "12345"\nstart.k = 3\nstart.b = true\n',
+        overrides={"g.mode": item},
+    )
+    assert (values["g.shown"], values["g.letters"], values["g.n"], values["g.c"]) == (2.0, 5.0, 6.0, 0.0)
+    assert (values["g.k"], values["g.b"]) == (3.0, 1.0)
+
+
+def test_elements_of_start_values_go_by_index(bench: Bench) -> None:
+    values = bench.last(G + "start.u = [3.0, 5.0]\n")
+    assert (values["g.y[1]"], values["g.y[2]"]) == (3.0, 50.0)
+
+
+REFUSED = {
+    "real_for_integer": (G + S + wire("s.warm", "g.k"), "joins types that differ: Real and Integer"),
+    "boolean_for_real": (G + S + wire("s.flag", "g.u[1]"), "joins types that differ: Boolean and Real"),
+    "integer_for_enumeration": (G + S + wire("s.count", "g.target"), "joins types that differ"),
+    "factor_for_boolean": (G + S + wire("s.flag", "g.b", "factor = 2.0"), "no factor and offset between Boolean"),
+    "half": (G + drive("g.k", "constant = 0.5"), "g.k is of type Integer and must be driven by integers, got 0.5"),
+    "two": (G + drive("g.b", "constant = 2"), "g.b is Boolean and must be driven by 0 and 1, got 2.0"),
+    "late": (G + drive("g.k", "step = { time = 0.03, value = 1.5 }"), "must be driven by integers, got 1.5"),
+    "item": (G + drive("g.target", "constant = 4"), "g.target must be an item of the Enumeration, by name or number"),
+    "other_quantity": (
+        '[instance.k]\nfmu = "kelvin.fmu"\n' + S + wire("s.warm", "k.v"),
+        "cannot be converted: the units 'degC' and 'V' are of different quantities",
+    ),
+    "string": ('record = ["g.label"]\n' + G, "record[1] is a String, which runs do not record"),
+    "start_item": (G + 'start.mode = "onn"\n', "by name or number: off (1), on (2), auto (3), got 'onn'"),
+    "start_number": (G + "start.mode = 4\n", "by name or number: off (1), on (2), auto (3), got 4.0"),
+    "start_fraction": (G + "start.k = 1.5\n", "must be of type Integer, got 1.5"),
+    "start_string": (G + "start.label = true\n", "must be of type String, got True"),
+    "start_boolean": (G + "start.b = 1\n", "must be of type Boolean, got 1.0"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused(case: str, tmp_path: Path, run_folder: Path) -> None:
+    text, complaint = REFUSED[case]
+    with pytest.raises(InputError) as error:
+        Bench(tmp_path, run_folder / "build/fmus").run(text)
+    assert complaint in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_columns_by_order_and_skipped_rows_are_noted(bench: Bench) -> None:
+    (bench.folder / "t.csv").write_text("time,left,right\n0,1,2\n0.011,9,9\n0.012,8,8\n0.02,3,4\n1,0,0\n")
+    values = bench.last(G + drive("g.u", 'table = { file = "t.csv" }'))
+    assert (values["g.y[1]"], values["g.y[2]"]) == (3.0, 40.0)
+    assert bench.notes == [
+        "input[1]: columns go by their order: left to u[1], right to u[2]",
+        "input[1]: 2 rows of t.csv have no effect, the next one comes within the same step of 0.01 s",
+    ]
+
+
+def test_a_thousand_steps_are_equal_in_both_loops(
+    tmp_path: Path, run_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = G + S + wire("s.x", "g.u") + drive("g.k", "pseudo_random = { amplitude = 3, hold = 0.02 }")
+    bench = Bench(tmp_path, run_folder / "build/fmus")
+    one = bench.run(text, stop_time=10.0).recording
+    monkeypatch.setattr("flexbeams.scenarios.runs.execution._stepper", lambda instances, prepared: None)
+    other = bench.run(text, stop_time=10.0).recording
+    assert one.columns == other.columns
+    assert np.array_equal(one.values, other.values)
+    assert len(set(one.values[:, one.columns.index("g.n")])) == 2
