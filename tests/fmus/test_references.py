@@ -482,7 +482,7 @@ def test_signals_may_be_picked(tmp_path: Path) -> None:
         ("<TransientSimulation startTime='1'/><References source='y.csv'/>", "must lie within 1000000 steps"),
         ("<TransientSimulation stepSize='soon'/><References source='y.csv'/>", "stepSize must be a finite number"),
         ("<TransientSimulation stepSize='-1'/><References source='y.csv'/>", "stepSize must be > 0"),
-        ("<Stimuli source='y.csv'/><References source='y.csv'/>", "y must be a Real input to be driven by stimuli"),
+        ("<Stimuli source='y.csv'/><References source='y.csv'/>", "y must be an input to be driven by stimuli"),
         (
             "<Parameters source='p.ssv' type='text/csv'/><References source='y.csv'/>",
             "must be application/x-ssp-parameter-set",

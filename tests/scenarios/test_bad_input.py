@@ -252,7 +252,7 @@ SCENARIOS = {
     ),
     "record_of_text": (
         'record = ["plant.design_id"]\n' + LOOP,
-        "record[1] must name a variable of plant, which has no 'design_id'",
+        "record[1] is a String, which runs do not record, got 'plant.design_id'",
     ),
     "check_of_unknown_signal": (check(of='"plant.y_pii"'), "check[1].of is not recorded; did you mean 'plant.y_pi'"),
     "unknown_measure": (check(measure='"larges"'), "check[1].measure must be 'largest', "),
