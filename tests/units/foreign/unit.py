@@ -85,7 +85,7 @@ class ForeignUnit:
         starts = [f"start {LETTER[v.type]} {v.reference} {_plain(v)}" for v in self.variables if v.start is not None]
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("modelDescription.xml", self.description())
-            archive.write(library(), f"binaries/{platform.folders[0]}/foreign{platform.suffix}")
+            archive.write(library(), f"binaries/{platform.name}/foreign{platform.suffix}")
             archive.writestr("resources/rules.txt", "\n".join([*starts, *self.rules]) + "\n")
             for name, content in entries.items():
                 archive.writestr(name.replace("__", "/"), content)
