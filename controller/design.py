@@ -26,6 +26,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel, beam_model
+from flexbeams.plant.plausibility import implausible_values
 from flexbeams.plant.static_sensitivities import static_sensitivities
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.threads import one_thread
@@ -69,8 +70,13 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     transition_constants (exponent, norm).
     Raises DesignError where a step has no acceptable result, or where the closed loop is unstable on a full plant.
     """
-    with one_thread():
-        return _compute(structure, options or DesignOptions())
+    try:
+        with one_thread():
+            return _compute(structure, options or DesignOptions())
+    except DesignError as error:
+        if unusual := implausible_values(structure):  # no other advice helps
+            raise DesignError(f"there is no design, perhaps because {unusual[0]}") from error
+        raise
 
 
 def _compute(structure: Structure, options: DesignOptions) -> Design:

@@ -81,7 +81,7 @@ def reduce(
     projection = _projection(form, _all_stations(model), position_states)
     right, left, sigma_p, sigma_v = projection.right, projection.left, projection.sigma_p, projection.sigma_v
     A_r, B_r = left @ form.A @ right, left @ form.B
-    _require_stable(A_r, position_states)
+    _require_stable(A_r, position_states, system)
     H_pi, H_pm, H_w = (
         np.hstack([rows @ form.positions, np.zeros((len(rows), n))]) @ right
         for rows in (model.deflection, model.strain, _all_stations(model))
@@ -244,11 +244,24 @@ def _require_damped(A: Array) -> None:
         )
 
 
-def _require_stable(A: Array, position_states: int) -> None:
+def _overdamped(system: SecondOrderSystem) -> str:
+    """The modes without oscillation, with their damping ratios, as the cause of an unstable reduced model."""
+    squares, shapes = eigh(system.K, system.M)
+    frequencies = np.sqrt(np.maximum(squares, np.finfo(float).tiny))
+    ratios = np.einsum("nk,nm,mk->k", shapes, system.D, shapes) / (2 * frequencies)
+    modes = [f"{ratios[k]:.3g} at {frequencies[k]:.4g} rad/s" for k in np.flatnonzero(ratios > 1)]
+    if not modes:
+        return ""
+    more = f" and {len(modes) - 3} more" if len(modes) > 3 else ""
+    return f"; probably because of overdamped modes (damping ratio {', '.join(modes[:3])}{more}): lower the damping, or"
+
+
+def _require_stable(A: Array, position_states: int, system: SecondOrderSystem) -> None:
     eigenvalues = np.linalg.eigvals(A)
     worst = eigenvalues[np.argmax(eigenvalues.real)]
     if worst.real >= 0:
         raise DesignError(
             f"the reduced model with {position_states} position states is not stable: eigenvalue "
-            f"{worst.real:.6g}{worst.imag:+.6g}j 1/s; change reduced_modes, output_weight or the basis"
+            f"{worst.real:.6g}{worst.imag:+.6g}j 1/s{_overdamped(system) or ';'} change reduced_modes, output_weight "
+            "or the basis"
         )

@@ -5,6 +5,8 @@ Whatever else escapes is a bug, and the command line shows it as one.
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from os.path import isfile, islink
+from pathlib import Path
 
 from flexbeams.plant.text import printable, quoted, shortened
 
@@ -36,6 +38,18 @@ class InputError(FlexbeamsError, ValueError):
 
 class DesignError(FlexbeamsError):
     """A structure and options for which a step of the design has no acceptable result."""
+
+
+def missing_file_hint(name: str, folder: Path | None = None) -> str:
+    """Text for the end of a message about a missing file: <name>.toml, where a link leads, the folder searched."""
+    for path in [Path(name), *([folder / name] if folder else [])]:
+        if isfile(f"{path}.toml"):
+            return f"; did you mean {f'{path}.toml'!r}?"
+        if islink(path):
+            return f"; it is a link to {str(path.resolve())!r}, which does not exist"
+    if folder and name.endswith(".toml"):
+        return f"; there is none in {str(folder.absolute())!r}"
+    return ""
 
 
 def suggestion(name: str, valid: Iterable[str]) -> str:

@@ -12,8 +12,9 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 from pydantic.dataclasses import dataclass
 
-from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.errors import InputError, missing_file_hint, suggestion
 from flexbeams.plant.parameters import PARAMETERS, parameter, parameters_of, within_bounds
+from flexbeams.plant.text import quoted
 from flexbeams.plant.validation import STRICT, Index, NonNegative, Positive, read_toml, validate
 
 STRUCTURES_FOLDER = Path(__file__).parent / "structures"
@@ -230,4 +231,5 @@ def find_structure(name: str, relative_to: Path | None = None) -> Path:
         if isfile(path):  # False also for names that no file can have
             return path
     shipped = sorted(p.stem for p in STRUCTURES_FOLDER.glob("*.toml"))
-    raise InputError("structure", f"{name!r} is neither a file nor a shipped structure" + suggestion(name, shipped))
+    hint = missing_file_hint(name, relative_to) or suggestion(name, shipped)
+    raise InputError("structure", f"{quoted(name)} is neither a file nor a shipped structure{hint}")

@@ -117,11 +117,16 @@ def say(text: object) -> None:
 
 
 def chosen_structure(name: str | None) -> Any:
-    """The structure of the option --structure, by default `kiel`."""
+    """The structure of the option --structure, by default `kiel`; implausible values are noted."""
     from flexbeams.plant.errors import InputError
-    from flexbeams.scenarios.api.designs import structure
+    from flexbeams.plant.plausibility import implausible_values
+    from flexbeams.plant.structure import find_structure, read_structure
 
     try:
-        return structure(name or "kiel")
+        path = find_structure(name or "kiel")
     except InputError as error:
-        raise error if error.source else error.at("--structure") from None
+        raise error.at("--structure") from None
+    structure = read_structure(path)
+    for line in implausible_values(structure):
+        note(f"{path}: {line}")
+    return structure

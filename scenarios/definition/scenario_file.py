@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from os.path import isfile
 from pathlib import Path
 
-from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.errors import InputError, missing_file_hint, suggestion
+from flexbeams.plant.text import quoted
 from flexbeams.plant.validation import parse_toml, read_text, validate
 from flexbeams.scenarios.definition.schema import Scenario
 
@@ -58,7 +59,8 @@ def find_scenario(name: str) -> Path:
         raise InputError("scenario", "must be a scenario or an SSP package, which name FMUs", name)
     if isfile(name):  # False also for a name that no file can have
         return Path(name)
-    raise InputError("scenario", f"{name!r} is neither a file nor a shipped scenario" + suggestion(name, shipped))
+    hint = missing_file_hint(name) or suggestion(name, shipped)
+    raise InputError("scenario", f"{quoted(name)} is neither a file nor a shipped scenario{hint}")
 
 
 def load_scenario(name: str | Path) -> ScenarioFile:

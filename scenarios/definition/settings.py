@@ -146,7 +146,7 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
             for n, v in variables.items()
             if v.causality in ("parameter", "input")
         ]  # arrays and families, not each of their elements
-        rule = "is not settable" if names else "is not a variable" + suggestion(key, known)
+        rule = "is not settable" if names else _why_unknown(key, variables) + suggestion(key, known)
         raise InputError(where, rule, key, source=source)
     if isinstance(value, str) and "," in value and (key not in variables or "[]" in key):
         value = [part.strip() for part in value.removeprefix("[").removesuffix("]").split(",")]
@@ -154,3 +154,36 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
     if len(listed) != len(settable):
         raise InputError(where, f"must have {len(settable)} values", value, source=source)
     return list(zip(settable, listed, strict=True))
+<<<<<<< HEAD
+=======
+
+
+_GEOMETRY = re.compile(
+    r"(beam|patch)\[\d*\]\.(length|width|thickness|position|electrode_distance|beam)"
+    r"|(point_of_interest|strain_gauge)\b.*|spring\[\d*\]\.between"
+)
+
+
+def _why_unknown(key: str, variables: Collection[str]) -> str:
+    """The rule that the name of no variable breaks: a range of indices, or that geometry cannot be set."""
+    if _GEOMETRY.fullmatch(key):
+        return "is geometry, which the design fixes: change it in the structure file"
+    if indexed := re.fullmatch(r"(.*)\[(\d+)\](.*)", key):
+        head, _, tail = indexed.groups()
+        form = re.compile(rf"{re.escape(head)}\[(\d+)\]{re.escape(tail)}")
+        if others := [int(match[1]) for name in variables if (match := form.fullmatch(name))]:
+            return f"must have an index from {min(others)} to {max(others)}"
+    return "is not a variable"
+
+
+def _require_fit(where: str, variable: Any, value: float | bool, source: str) -> None:
+    """InputError for a value that is not of the variable's type or outside its bounds."""
+    kind = variable.type
+    whole = kind != "Integer" or (value == int(value) and int(value) in INT32)
+    if isinstance(value, bool) != (kind == "Boolean") or kind not in ("Real", "Integer", "Boolean") or not whole:
+        raise InputError(where, f"must be of type {kind}", value, source=source)
+    low = "-inf" if variable.min is None else variable.min
+    high = "inf" if variable.max is None else variable.max
+    if not float(low) <= value <= float(high):
+        raise InputError(where, f"must be from {low} to {high}", value, source=source)
+>>>>>>> f649cbc (Values of structures in other units are named; hints about indices, geometry, files and overdamped modes)

@@ -11,6 +11,7 @@ from flexbeams.controller.design import Design, compute_design
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.plant.plausibility import implausible_values
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.kinds import instance_kinds
@@ -88,7 +89,7 @@ def prepare_scenario(
     scenario = settings.applied_to(file.scenario)
     scenario = replace(scenario, design=scenario.design.relative_to(file.path.parent))
     kinds = instance_kinds(scenario, settings.kinds, source)
-    design = _design(file, scenario, settings, designs)
+    design = _design(file, scenario, settings, notify, designs)
     for warning in design.summary["warnings"]:
         notify(f"design: {warning}")
     step = scenario.step or design.options.sample_time
@@ -143,13 +144,21 @@ def prepare_wiring(
     return wiring
 
 
-def _design(file: ScenarioFile, scenario: Scenario, settings: Settings, designs: Sequence[Design]) -> Design:
+def _design(
+    file: ScenarioFile,
+    scenario: Scenario,
+    settings: Settings,
+    notify: Callable[[str], None],
+    designs: Sequence[Design],
+) -> Design:
     source = str(file.path)
     try:
         structure_path = find_structure(settings.structure or scenario.structure, file.path.parent)
     except InputError as error:
         raise error.at("--structure" if settings.structure else source) from None
     structure = read_structure(structure_path)
+    for line in implausible_values(structure):
+        notify(f"{structure_path}: {line}")
     fitting = (d for d in designs if d.structure == structure and d.options == scenario.design)
     try:
         with _enough_memory("design", source):
