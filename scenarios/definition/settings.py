@@ -154,8 +154,6 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
     if len(listed) != len(settable):
         raise InputError(where, f"must have {len(settable)} values", value, source=source)
     return list(zip(settable, listed, strict=True))
-<<<<<<< HEAD
-=======
 
 
 _GEOMETRY = re.compile(
@@ -174,16 +172,3 @@ def _why_unknown(key: str, variables: Collection[str]) -> str:
         if others := [int(match[1]) for name in variables if (match := form.fullmatch(name))]:
             return f"must have an index from {min(others)} to {max(others)}"
     return "is not a variable"
-
-
-def _require_fit(where: str, variable: Any, value: float | bool, source: str) -> None:
-    """InputError for a value that is not of the variable's type or outside its bounds."""
-    kind = variable.type
-    whole = kind != "Integer" or (value == int(value) and int(value) in INT32)
-    if isinstance(value, bool) != (kind == "Boolean") or kind not in ("Real", "Integer", "Boolean") or not whole:
-        raise InputError(where, f"must be of type {kind}", value, source=source)
-    low = "-inf" if variable.min is None else variable.min
-    high = "inf" if variable.max is None else variable.max
-    if not float(low) <= value <= float(high):
-        raise InputError(where, f"must be from {low} to {high}", value, source=source)
->>>>>>> f649cbc (Values of structures in other units are named; hints about indices, geometry, files and overdamped modes)

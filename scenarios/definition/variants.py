@@ -59,4 +59,6 @@ def variant_suffix(changed: dict[str, Any]) -> str:
 def _text(value: Any) -> str:
     if isinstance(value, list):
         return ",".join(map(_text, value))
+    if isinstance(value, str):
+        return value
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"
