@@ -68,13 +68,13 @@ def closed_loop_interface(
 
 
 def without_parts(variables: Sequence[Variable]) -> list[Variable]:
-    """Variables <part>.<variable>, inputs and outputs without their part where no two arrays have the same name.
+    """Variables <part>.<variable>, inputs and outputs without their part where no other array has that name.
 
     Tools make nested buses and wrong names of dots.
     """
     arrays = dict.fromkeys(v.array for v in variables if v.causality in ("input", "output"))
     short = {array: array.partition(".")[2] for array in arrays}
-    names = [*short.values(), TIME.name]
+    names = [*short.values(), *dict.fromkeys(v.array for v in variables), TIME.name]
     short = {array: name if names.count(name) == 1 else array for array, name in short.items()}
     return [
         replace(

@@ -25,6 +25,7 @@ from flexbeams.fmus.documents.xml_documents import xml_bytes
 from flexbeams.fmus.errors import BuildError, InterfaceError
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable
 from flexbeams.fmus.packaging.compilers import Platform, chosen_platforms
+from flexbeams.fmus.units.closed_loop import without_parts
 from flexbeams.plant.archive import write_whole, zip_bytes
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.temporary import temporary_folder
@@ -64,11 +65,11 @@ def export_container(
         folder.mkdir()
         parts = build_parts(prepared, folder, targets, settings.compiler, notify)
         try:
-            interface = _interface(prepared, parts, links)
+            interface, inner = _interface(prepared, parts, links)
         except InterfaceError as error:
             raise InputError("", f"cannot be a container: {error}", source=prepared.source) from None
         made = temporary / "container.fmu"
-        _assemble(folder, made, parts, links, interface, prepared.scenario)
+        _assemble(folder, made, inner, links, interface, prepared.scenario)
         entries, references = _entries(made, targets, interface.unit_name)
     entries |= _documents(interface, parts, links)
     guid = content_guid(_description(interface, references, parts, tool, ""), *(entries[n] for n in sorted(entries)))
@@ -105,8 +106,13 @@ def _tool_version() -> str:
     return found
 
 
-def _interface(prepared: PreparedScenario, parts: Mapping[str, Part], links: Mapping[str, str]) -> Interface:
-    """Variables <instance>.<variable> of the units, without connected inputs and without outputs not recorded."""
+def _interface(
+    prepared: PreparedScenario, parts: Mapping[str, Part], links: Mapping[str, str]
+) -> tuple[Interface, dict[str, str]]:
+    """The variables of the units without connected inputs and outputs not recorded; <instance>.<variable> by name.
+
+    Inputs and outputs are named as in other closed loops, without instance where their names differ.
+    """
     scenario = prepared.scenario
     exposed = {
         f"{instance}.{v.name}": v
@@ -120,19 +126,21 @@ def _interface(prepared: PreparedScenario, parts: Mapping[str, Part], links: Map
     ]
     descriptions = [part.description.coSimulation for part in parts.values() if part.description is not None]
     about = (prepared.file.description or scenario.title).rstrip(".")
-    return Interface(
+    named = without_parts(variables)
+    interface = Interface(
         unit_name=re.sub(r"^(?=\d)|\W", "_", prepared.file.name, flags=re.ASCII),
         step_size=prepared.step,
         stop_time=scenario.stop_time,
         description=f"{about}. Units inside: {', '.join(parts)}; steps of {prepared.step:g} s, {scenario.coupling} "
         "coupling; the host drives the inputs",
-        variables=(TIME, *variables),
+        variables=(TIME, *named),
         needs_execution_tool=any(d.needsExecutionTool for d in descriptions),
         can_be_instantiated_only_once=any(d.canBeInstantiatedOnlyOncePerProcess for d in descriptions),
         cannot_use_memory_management=True,
         can_get_and_set_state=False,
         can_serialize_state=False,
     )
+    return interface, {outer.name: v.name for outer, v in zip(named, variables, strict=True)}
 
 
 def _is_exposed(name: str, variable: Variable, links: Mapping[str, str], columns: Sequence[str]) -> bool:
@@ -144,12 +152,12 @@ def _is_exposed(name: str, variable: Variable, links: Mapping[str, str], columns
 def _assemble(
     folder: Path,
     out: Path,
-    parts: Mapping[str, Part],
+    inner: Mapping[str, str],
     links: Mapping[str, str],
     interface: Interface,
     scenario: Scenario,
 ) -> None:
-    """The tool's container of the units in `folder`."""
+    """The tool's container of the units in `folder`; `inner` has <instance>.<variable> by name."""
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError
 
@@ -160,15 +168,15 @@ def _assemble(
     with _silent():
         try:
             container = FMUContainer(interface.unit_name, folder)
-            for instance in parts:
+            for instance in scenario.instance:
                 container.get_fmu(f"{instance}.fmu")
             for to, source in links.items():
                 container.add_link(*port(source), *port(to))
             for v in interface.variables[1:]:
                 if v.causality in ("input", "parameter"):
-                    container.add_input(v.name, *port(v.name))
+                    container.add_input(v.name, *port(inner[v.name]))
                 else:
-                    container.add_output(*port(v.name), v.name)
+                    container.add_output(*port(inner[v.name]), v.name)
             container.make_fmu(
                 out, step_size=interface.step_size, mt=False, sequential=scenario.coupling == "gauss-seidel"
             )
@@ -238,7 +246,8 @@ def _documents(interface: Interface, parts: Mapping[str, Part], links: Mapping[s
                 [(n, part.unit, f"resources/{k:02x}") for k, (n, part) in enumerate(parts.items())],
             ),
             table(("output", "input"), arrays),
-            f"<p>Variables are named &lt;unit&gt;.&lt;variable&gt;. The host's steps should be multiples of "
+            "<p>Variables are named &lt;unit&gt;.&lt;variable&gt;, inputs and outputs without the unit where their "
+            f"names differ. The host's steps should be multiples of "
             f"{interface.step_size:g} s: inputs are held meanwhile, and the results at those times do not depend on "
             "the step. In between, outputs stay those of the last inner step.</p>",
             "<p>The units are complete FMUs with sources and documentation. State cannot be saved and restored.</p>",

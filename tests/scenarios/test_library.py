@@ -1,6 +1,8 @@
 """Libraries of units are found by CPU and system: FMI 2.0's folder may hold those of another CPU."""
 
 import io
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +18,7 @@ from flexbeams.scenarios.exporting.ssp import export_ssp
 from flexbeams.scenarios.importing.library import library_file
 from flexbeams.scenarios.masters.catalogue import MASTERS, installed_version
 from flexbeams.scenarios.masters.isolation import run_master
+from flexbeams.scenarios.processes.children import python_command, python_environment
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.validation.references import reference_checks
 from tests.helpers import PUSHED_SCENARIO
@@ -106,3 +109,18 @@ def test_a_unit_for_other_platforms_is_refused_in_one_line(
     assert f"{SUFFIX} in binaries/{fmpy.platform_tuple}" in (error := capsys.readouterr().err)
     assert "its binaries are for beos64, riscv64-linux" in error
     assert len(error.strip().splitlines()) == 1, error
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a case of ARM Linux")
+def test_importing_fmpy_prints_nothing_on_arm() -> None:
+    """FMPy's logger library exists for x86_64 only."""
+    code = """
+import os, sys
+os.uname = lambda: os.uname_result(("Linux", "pi", "6", "1", "aarch64"))
+import flexbeams.scenarios, fmpy.fmi2
+print(fmpy.platform_tuple, hasattr(sys.modules["fmpy.logging"], "__file__"))
+"""
+    done = subprocess.run(
+        python_command("-c", code), capture_output=True, text=True, check=True, env=python_environment()
+    )
+    assert done.stdout == "aarch64-linux False\n"
