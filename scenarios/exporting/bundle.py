@@ -122,6 +122,7 @@ def _source(prepared: PreparedScenario, out: Path) -> tuple[NativeUnit, dict[str
         {n: i.variables for n, i in prepared.declarations.items()},
         {n: prepared.numeric_starts(n) for n in prepared.starts},
         set(prepared.wiring.links()),
+        step=prepared.step,
     )
     try:
         interface = source_interface(signals, prepared.step, prepared.scenario.stop_time)

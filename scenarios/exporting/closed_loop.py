@@ -156,6 +156,7 @@ def _source(prepared: PreparedScenario, chosen: Sequence[str]) -> tuple[list[Loo
         {n: prepared.numeric_starts(n) for n in prepared.starts},
         set(prepared.wiring.links()),
         open_arrays=False,
+        step=prepared.step,
     )
     name = source_name(scenario)
     interface = source_interface(signals, prepared.step, scenario.stop_time)

@@ -10,9 +10,10 @@ import numpy as np
 
 from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.units.signal_source import SourceSignal
+from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.declaration import element_names
 from flexbeams.scenarios.definition.schema import SIGNALS, Chirp, Input, PseudoRandom, Scenario
-from flexbeams.scenarios.definition.signals import binary_sequence, table_rows
+from flexbeams.scenarios.definition.signals import binary_sequence, loses_impulse, signal_of, table_rows
 
 Starts = Mapping[str, Mapping[str, float | bool]]
 Variables = Mapping[str, Mapping[str, Any]]  # FMPy's, by instance and name
@@ -34,13 +35,14 @@ def source_signals(
     starts: Starts,
     connected: Collection[str],
     open_arrays: bool = True,
+    step: float | None = None,
 ) -> tuple[list[SourceSignal], dict[str, str]]:
     """Signals that drive every Real input that is not `connected`, and the output by <instance>.<input>.
 
     Inputs that the scenario leaves open get a constant, their start value: some tools set an input that nothing
     drives to zero or to the value of another. Without `open_arrays` they do so only within arrays that a signal
     drives in part. `variables` and `starts` are by instance; files of tables are relative
-    to `folder`.
+    to `folder`. A pulse that is short for steps of `step` s becomes a table of its means.
     """
     groups = [*_scenario_inputs(scenario, variables)]
     driven = {f"{group.owner}.{name}" for group in groups for name in group.names}
@@ -51,7 +53,7 @@ def source_signals(
         if open_arrays or f"{group.owner}.{group.names[0]}".partition("[")[0] in arrays
     ]
     outputs = _output_names([f"{group.owner}.{name}" for group in groups for name in group.names])
-    return [_source_signal(group, outputs, folder, variables, starts) for group in groups], outputs
+    return [_source_signal(group, outputs, folder, variables, starts, step) for group in groups], outputs
 
 
 def _scenario_inputs(scenario: Scenario, variables: Variables) -> Iterator[DrivenInputs]:
@@ -74,12 +76,17 @@ def _open_inputs(variables: Variables, driven: Collection[str]) -> Iterator[Driv
 
 
 def _source_signal(
-    group: DrivenInputs, outputs: Mapping[str, str], folder: Path, variables: Variables, starts: Starts
+    group: DrivenInputs,
+    outputs: Mapping[str, str],
+    folder: Path,
+    variables: Variables,
+    starts: Starts,
+    step: float | None,
 ) -> SourceSignal:
     names = [outputs[f"{group.owner}.{n}"] for n in group.names]
     first = variables[group.owner][group.names[0]]
     if group.drive:
-        kind, width, fields = _content(group.drive, folder)
+        kind, width, fields = _content(group.drive, folder, step)
     else:
         kind, width, fields = _start(group, variables, starts)
     stem = names[0].partition("[")[0] if len(names) > 1 or "[" not in names[0] else re.sub(r"\W+", "_", names[0])
@@ -117,7 +124,7 @@ def _start(group: DrivenInputs, variables: Variables, starts: Starts) -> tuple[A
     return "constant", len(values), {"parameters": {"value": values if len(values) > 1 else values[0]}}
 
 
-def _content(drive: Input, folder: Path) -> tuple[Any, int, dict[str, Any]]:
+def _content(drive: Input, folder: Path, step: float | None) -> tuple[Any, int, dict[str, Any]]:
     """Kind, width and further fields of the signal of an input."""
     if drive.chirp:
         return _chirp(drive.chirp)
@@ -132,11 +139,22 @@ def _content(drive: Input, folder: Path) -> tuple[Any, int, dict[str, Any]]:
         return "targets", len(drive.targets[0].value), {"parameters": parameters}
     if drive.pulse:
         pulse = drive.pulse
+        if step is not None and loses_impulse(pulse, step):
+            return "held_table", 1, {"table": _pulse_rows(drive, folder, step)}
         return "pulse", 1, {"parameters": {"time": pulse.time, "duration": pulse.duration, "impulse": pulse.impulse}}
     if drive.step:
         value = drive.step.value
         return "step", _width(value), {"parameters": {"time": drive.step.time, "value": value}}
     return "constant", _width(drive.constant), {"parameters": {"value": drive.constant}}
+
+
+def _pulse_rows(drive: Input, folder: Path, step: float) -> Array:
+    """Time and value (rows, 2) of a pulse that is short for the step: the means over the steps that it meets."""
+    assert drive.pulse is not None
+    first = max(int(drive.pulse.time / step) - 1, 0)
+    last = int((drive.pulse.time + drive.pulse.duration) / step) + 2
+    time = np.unique([0.0, *(step * np.arange(first, last + 1, dtype=np.float64))])
+    return np.column_stack([time, signal_of(drive, folder, step).sample(time)])
 
 
 def _kind_name(drive: Input | None) -> str:

@@ -43,7 +43,7 @@ def execute(
             for name, values in prepared.starts.items():
                 for variable, value in values.items():
                     instances[name].set_start(variable, value)
-            simulation.initialise(prepared.scenario.stop_time)
+            simulation.initialise(prepared.scenario.stop_time, observer.notify)
         except UnitFailure as failure:
             raise InputError("", str(failure), source=prepared.source) from None
         return simulation.run(

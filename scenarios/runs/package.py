@@ -98,7 +98,7 @@ def prepare_package(
     require_one_design(declarations, source)
     sets: dict[str, Any] = {name: start_table(component) for name, component in package.components.items()}
     starts = start_values(scenario, declarations, settings.overrides, source, sets)
-    wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify)
+    wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     steps = whole_steps(scenario, step, settings, source)
     require_memory(scenario, len(wiring.columns), steps, settings, source)
     return PreparedRun(

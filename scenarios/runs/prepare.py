@@ -100,7 +100,7 @@ def prepare_scenario(
     require_one_design(declarations, source)
     starts = start_values(scenario, declarations, settings.overrides, source)
     require_reachable_targets(scenario, design, kinds, declarations, starts, source)
-    wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify)
+    wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     require_discrete_signals(wiring, declarations, steps, step, source)
     note_skipped_rows(scenario, wiring, steps, step, notify)
     require_memory(scenario, len(wiring.columns), steps, settings, source)
@@ -135,9 +135,10 @@ def prepare_wiring(
     source: str,
     starts: Mapping[str, StartValues],
     notify: Callable[[str], None],
+    step: float,
 ) -> Wiring:
     """The wiring of a run, with frames if its animation is recorded; no input that --set sets is driven."""
-    wiring = plan_wiring(scenario, declarations, source, starts, notify)
+    wiring = plan_wiring(scenario, declarations, source, starts, notify, step)
     require_undriven(settings.overrides, wiring.driven())
     if settings.record_animation:
         wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))

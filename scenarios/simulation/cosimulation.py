@@ -10,6 +10,7 @@ from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.frames import FrameRecorder
+from flexbeams.scenarios.simulation.initialisation import Initialisation
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.recording import Recording, Rows
 from flexbeams.scenarios.simulation.stepping import PythonStepper, SignalBus, Stepper
@@ -47,16 +48,13 @@ class CoSimulation:
         self._python_stepper = PythonStepper(instances, self._bus)
         self.stepper: Stepper = stepper(instances, self._bus) if stepper else self._python_stepper
 
-    def initialise(self, stop_time: float) -> None:
-        """Initialisation mode of all instances; values are exchanged as often as the longest chain of units needs."""
+    def initialise(self, stop_time: float, notify: Callable[[str], None] = lambda text: None) -> None:
+        """Initialisation mode of all instances, whose values follow the connections; loops are noted."""
         for instance in self._instances.values():
             instance.call("setupExperiment", None, 0.0, stop_time)
             instance.call("enterInitializationMode")
         self._drive(0)
-        for _ in self._instances:
-            for name in self._instances:
-                self._python_stepper.exchange(name)
-                self._instances[name].read()
+        Initialisation(self._instances, self._wiring, self._bus.signals).exchange(notify)
         for instance in self._instances.values():
             instance.call("exitInitializationMode")
         for instance in self._instances.values():

@@ -53,13 +53,16 @@ def plan_wiring(
     source: str,
     starts: Mapping[str, Mapping[str, TypedValue]],
     notify: Callable[[str], None] = lambda text: None,
+    step: float | None = None,
 ) -> Wiring:
     """The wiring of a scenario, with every connection, input and record entry resolved.
 
     Recorded inputs that nothing drives hold their start value: that of `starts`, or the unit's own. Conversions of
-    units of measurement are noted. Raises InputError with file (`source`), key and value.
+    units of measurement are noted. Signals are sampled at steps of `step` s.
+
+    Raises InputError with file (`source`), key and value.
     """
-    return _Builder(scenario, declarations, source, starts, notify).build()
+    return _Builder(scenario, declarations, source, starts, notify, step or scenario.step).build()
 
 
 class _Builder:
@@ -72,8 +75,9 @@ class _Builder:
         source: str,
         starts: Mapping[str, Mapping[str, TypedValue]],
         notify: Callable[[str], None],
+        step: float | None,
     ) -> None:
-        self._notify = notify
+        self._notify, self._step = notify, step
         self._scenario, self._declarations, self._source, self._starts = scenario, declarations, source, starts
         self._wiring = Wiring(size=0, sources={}, inputs={name: [] for name in declarations}, reads={}, spans={})
         self._extra = {  # signals that the scenario records in addition
@@ -180,7 +184,7 @@ class _Builder:
             key = f"input[{k}]"
             owner, names = self._signal(f"{key}.to", drive.to, "input")
             try:
-                signal = signal_of(drive, Path(self._source).parent)
+                signal = signal_of(drive, Path(self._source).parent, self._step)
             except InputError as error:
                 raise error if error.source else error.at(self._source, f"{key}.") from None
             if text := column_note(signal, names):

@@ -201,3 +201,50 @@ def test_a_thousand_steps_are_equal_in_both_loops(
     assert one.columns == other.columns
     assert np.array_equal(one.values, other.values)
     assert len(set(one.values[:, one.columns.index("g.n")])) == 2
+
+
+def stage(name: str, gain: float, dependencies: dict[str, list[str]] | None = None, rule: str = "") -> ForeignUnit:
+    """y = gain u, whose own input starts at 1."""
+    variables = [
+        V(name="u", type="Real", causality="input", reference=0, start="1"),
+        V(name="y", type="Real", causality="output", reference=1),
+    ]
+    return ForeignUnit(variables=variables, rules=[rule or f"map R 1 0 {gain}"], dependencies=dependencies, name=name)
+
+
+def test_a_unit_listed_before_its_source_gets_the_sources_value(bench: Bench) -> None:
+    stage("Inverse", 1.0, rule="inverse 1 0").write(bench.folder / "inverse.fmu")  # refuses 0
+    stage("Double", 2.0).write(bench.folder / "double.fmu")
+    text = "".join(
+        f'[instance.{n}]\nfmu = "{f}.fmu"\n' for n, f in (("c", "inverse"), ("b", "double"), ("a", "double"))
+    )
+    recording = bench.run(text + wire("b.y", "c.u") + wire("a.y", "b.u") + drive("a.u", "constant = 5.0")).recording
+    first = dict(zip(recording.columns, recording.values[0].tolist(), strict=True))
+    assert (first["a.y"], first["b.y"], first["c.y"]) == (10.0, 20.0, 0.05)
+    assert not bench.notes
+
+
+def test_a_loop_in_initialisation_is_named_and_settles(bench: Bench) -> None:
+    stage("Half", 0.5).write(bench.folder / "half.fmu")
+    stage("Double", 2.0).write(bench.folder / "double.fmu")
+    text = "".join(f'[instance.{n}]\nfmu = "{f}.fmu"\n' for n, f in (("b", "double"), ("a", "half")))
+    recording = bench.run(text + wire("a.y", "b.u") + wire("b.y", "a.u")).recording
+    assert dict(zip(recording.columns, recording.values[0].tolist(), strict=True)) == {"b.y": 1.0, "a.y": 0.5}
+    [note] = bench.notes
+    assert note.startswith("initialisation: b.u -> b.y -> a.u -> a.y -> b.u is a loop")
+
+
+def test_a_loop_that_does_not_settle_is_refused(tmp_path: Path, run_folder: Path) -> None:
+    bench = Bench(tmp_path, run_folder / "build/fmus")
+    stage("Double", 2.0).write(bench.folder / "double.fmu")
+    text = '[instance.b]\nfmu = "double.fmu"\n[instance.a]\nfmu = "double.fmu"\n'
+    with pytest.raises(InputError, match=r"the loop b.u -> b.y -> a.u -> a.y -> b.u does not settle in 100 rounds"):
+        bench.run(text + wire("a.y", "b.u") + wire("b.y", "a.u"))
+
+
+def test_outputs_of_states_alone_close_no_loop(bench: Bench) -> None:
+    stage("Half", 0.5, {"y": []}).write(bench.folder / "half.fmu")
+    stage("Double", 2.0).write(bench.folder / "double.fmu")
+    text = "".join(f'[instance.{n}]\nfmu = "{f}.fmu"\n' for n, f in (("b", "double"), ("a", "half")))
+    bench.run(text + wire("a.y", "b.u") + wire("b.y", "a.u"))
+    assert not bench.notes
