@@ -15,8 +15,8 @@ from flexbeams.scenarios.cli.compare import compare
 from flexbeams.scenarios.cli.design import design
 from flexbeams.scenarios.cli.endings import INTERRUPTED, TERMINATED, ended
 from flexbeams.scenarios.cli.export import export
+from flexbeams.scenarios.cli.files import list_files, new, schema, show
 from flexbeams.scenarios.cli.identify import identify
-from flexbeams.scenarios.cli.list import list_scenarios
 from flexbeams.scenarios.cli.run import run
 from flexbeams.scenarios.cli.validate import validate
 from flexbeams.scenarios.processes.interrupt import termination_as_interrupt
@@ -32,7 +32,7 @@ def commands() -> None:
     """
 
 
-for verb in (run, compare, export, bench, design, build, list_scenarios, validate, identify, cache):
+for verb in (run, compare, export, bench, design, build, list_files, show, new, schema, validate, identify, cache):
     commands.add_command(verb)
 
 

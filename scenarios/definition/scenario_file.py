@@ -6,6 +6,7 @@ from os.path import isfile
 from pathlib import Path
 
 from flexbeams.plant.errors import InputError, missing_file_hint, suggestion
+from flexbeams.plant.structure import STRUCTURES_FOLDER
 from flexbeams.plant.text import quoted
 from flexbeams.plant.validation import parse_toml, read_text, validate
 from flexbeams.scenarios.definition.schema import Scenario
@@ -48,6 +49,11 @@ def scenario_files() -> dict[str, Path]:
     files = {path.stem: path for path in sorted(LIBRARY.glob("*.toml"))}
     names = [*(name for name in TOUR if name in files), *(name for name in files if name not in TOUR)]
     return {name: files[name] for name in names}
+
+
+def structure_files() -> dict[str, Path]:
+    """Paths of the shipped structures by name."""
+    return {path.stem: path for path in sorted(STRUCTURES_FOLDER.glob("*.toml"))}
 
 
 def find_scenario(name: str) -> Path:
