@@ -63,6 +63,8 @@ def run_summary(
         "metrics": {**{o.name: o.value for o in outcomes}, **standard_metrics(recording)},
         "timing": _timing(recording, settings.real_time_factor),
     }
+    if recording.ended:
+        summary["ended"] = recording.ended
     if recording.failure is not None:
         summary["error"] = str(recording.failure)
     return summary

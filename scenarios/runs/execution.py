@@ -34,8 +34,11 @@ def execute(
     with ExitStack() as stack:
         folder = stack.enter_context(temporary_folder())
         instances: dict[str, UnitInstance] = {}
+        settings = prepared.settings
+        native = settings.backend == "native"
+        library = stepper_library(settings.build_folder, settings.compiler) if native else None
         for name, file in files.items():
-            instances[name] = _loaded(name, file, folder / name, prepared, observer, budget)
+            instances[name] = _loaded(name, file, folder / name, prepared, observer, budget, library)
             stack.callback(instances[name].close)
         stepper = _stepper(instances, prepared)
         simulation = CoSimulation(instances, prepared.wiring, prepared.step, prepared.scenario.coupling, stepper)
@@ -46,19 +49,28 @@ def execute(
             simulation.initialise(prepared.scenario.stop_time, observer.notify)
         except UnitFailure as failure:
             raise InputError("", str(failure), source=prepared.source) from None
-        return simulation.run(
+        recording = simulation.run(
             prepared.steps, lambda done: observer.progress(done, prepared.steps), prepared.settings.decimate
         )
+    if recording.ended:
+        observer.notify(recording.ended)
+    return recording
 
 
 def _loaded(
-    name: str, file: Path, folder: Path, prepared: PreparedRun, observer: Observer, budget: ExtractionBudget
+    name: str,
+    file: Path,
+    folder: Path,
+    prepared: PreparedRun,
+    observer: Observer,
+    budget: ExtractionBudget,
+    library: Path | None,
 ) -> UnitInstance:
     """An instance of an FMU, extracted to a folder."""
     try:
         budget.extract(file, folder, LOADED_PARTS)
         description = prepared.declarations[name].description or _description(folder)
-        return UnitInstance(name, folder, description, observer.notify)
+        return UnitInstance(name, folder, description, observer.notify, library)
     except (InputError, UnitFailure) as error:
         rule = f"cannot be loaded from {file}: {error}"
         raise InputError(f"instance.{name}", rule, source=prepared.source) from None

@@ -20,7 +20,12 @@ from flexbeams.scenarios.results.run import Run, run_summary
 from flexbeams.scenarios.runs.execution import execute
 from flexbeams.scenarios.runs.observer import SILENT, Observer, ignore_note
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_wiring
-from flexbeams.scenarios.runs.requirements import require_memory, require_one_design, whole_steps
+from flexbeams.scenarios.runs.requirements import (
+    require_memory,
+    require_one_design,
+    require_one_instance_each,
+    whole_steps,
+)
 from flexbeams.scenarios.validation.package import start_table, structure_problems, unit_descriptions
 
 
@@ -96,6 +101,7 @@ def prepare_package(
     scenario = _scenario(package, step, settings, source)
     declarations = {name: InstanceDeclaration.of_description(d) for name, d in descriptions.items()}
     require_one_design(declarations, source)
+    require_one_instance_each(declarations, source)
     sets: dict[str, Any] = {name: start_table(component) for name, component in package.components.items()}
     starts = start_values(scenario, declarations, settings.overrides, source, sets)
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)

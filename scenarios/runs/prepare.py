@@ -28,6 +28,7 @@ from flexbeams.scenarios.runs.requirements import (
     require_measurable,
     require_memory,
     require_one_design,
+    require_one_instance_each,
     require_reachable_targets,
     require_sampled_signals,
     whole_steps,
@@ -98,6 +99,7 @@ def prepare_scenario(
     models = _models(scenario, design, settings, source)
     declarations = _declarations(file, design, kinds, models)
     require_one_design(declarations, source)
+    require_one_instance_each(declarations, source)
     starts = start_values(scenario, declarations, settings.overrides, source)
     require_reachable_targets(scenario, design, kinds, declarations, starts, source)
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)

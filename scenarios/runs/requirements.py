@@ -113,6 +113,19 @@ def require_one_design(declarations: Mapping[str, InstanceDeclaration], source: 
         )
 
 
+def require_one_instance_each(declarations: Mapping[str, InstanceDeclaration], source: str) -> None:
+    """InputError for two instances of a unit that a process can instantiate only once."""
+    owners: dict[str, str] = {}
+    for name, declaration in declarations.items():
+        simulation = getattr(declaration.description, "coSimulation", None)
+        if simulation is None or not simulation.canBeInstantiatedOnlyOncePerProcess:
+            continue
+        other = owners.setdefault(declaration.description.guid, name)
+        if other != name:
+            rule = f"is of the same unit as {other}, which can be instantiated only once (its modelDescription.xml)"
+            raise InputError(f"instance.{name}", rule, simulation.modelIdentifier, source=source)
+
+
 def require_reachable_targets(
     scenario: Scenario,
     design: Design,

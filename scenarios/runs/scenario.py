@@ -1,6 +1,7 @@
 """Runs of scenarios: design, units, co-simulation, checks."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from flexbeams.controller.design import Design
@@ -13,6 +14,7 @@ from flexbeams.scenarios.results.run import Run, run_summary
 from flexbeams.scenarios.runs.execution import execute
 from flexbeams.scenarios.runs.observer import SILENT, Observer
 from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
+from flexbeams.scenarios.runs.requirements import reachable_checks
 from flexbeams.scenarios.simulation.recording import Recording
 
 
@@ -35,6 +37,10 @@ def run_prepared(prepared: PreparedScenario, observer: Observer = SILENT) -> Run
     open_loop = None if prepared.open_loop is None else _run_open_loop(prepared.open_loop, observer)
     recording = execute(prepared, unit_files(prepared, observer.notify), observer)
     scenario, design, name = prepared.scenario, prepared.design, prepared.file.name
+    if recording.ended:
+        end = float(recording.time[-1])
+        shorter = replace(scenario, stop_time=end), replace(prepared.settings, stop_time=end)
+        scenario = reachable_checks(*shorter, prepared.source, observer.notify)
     changed = changed_settings(prepared.settings, prepared.file.scenario)
     outcomes = Measurement(scenario, prepared.source, recording, open_loop).outcomes() if recording.complete else []
     return Run(

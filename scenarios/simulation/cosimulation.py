@@ -8,7 +8,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.choices import Coupling
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt
-from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitEnded, UnitFailure
 from flexbeams.scenarios.simulation.frames import FrameRecorder
 from flexbeams.scenarios.simulation.initialisation import Initialisation
 from flexbeams.scenarios.simulation.instance import UnitInstance
@@ -63,14 +63,14 @@ class CoSimulation:
     def run(self, steps: int, progress: Callable[[int], None] = lambda done: None, decimate: int = 1) -> Recording:
         """Steps from 0 to steps * step and records every `decimate`-th step and the last one.
 
-        A unit's failure or Ctrl-C ends the run; the rows until then are kept. Ctrl-C, or a KeyboardInterrupt raised by
-        `progress`, takes effect after a block of steps, so that it interrupts no call of a unit; a second Ctrl-C is
-        raised at once.
+        A unit that fails or wants to end, or Ctrl-C, ends the run; the rows until then are kept. Ctrl-C, or a
+        KeyboardInterrupt raised by `progress`, takes effect after a block of steps, so that it interrupts no call of a
+        unit; a second Ctrl-C is raised at once.
         """
         rows = Rows(self._bus.signals, self._bus.recorded, steps, decimate)
         rows.take(0)
         frames = FrameRecorder(self._wiring.frames, self._instances, steps, self._step)
-        failure = None
+        failure, ended = None, ""
         begin = clock.perf_counter()
         with deferred_interrupt() as interrupted:
             try:
@@ -81,9 +81,12 @@ class CoSimulation:
                     frames.take(self._bus.signals)
             except UnitFailure as error:
                 failure, done = error, self.stepper.done
+            except UnitEnded as end:
+                ended, done = str(end), self.stepper.done
         seconds = clock.perf_counter() - begin
         recording = rows.recording(self._wiring.columns, done, self._step, seconds, self._wiring.converted_columns)
-        recording.failure, recording.interrupted = failure, failure is None and done < steps
+        recording.failure, recording.ended = failure, ended
+        recording.interrupted = failure is None and not ended and done < steps
         recording.frames = frames.taken()
         if self.stepper.lateness is not None:
             recording.lateness = self.stepper.lateness[:done]

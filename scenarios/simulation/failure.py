@@ -1,4 +1,4 @@
-"""Failure of a unit during a run."""
+"""How a unit ends a run: it fails, or it wants to."""
 
 import re
 
@@ -11,3 +11,10 @@ class UnitFailure(FlexbeamsError):
     def __init__(self, instance: str, time: float, function: str, reason: str) -> None:
         text = re.sub(r"^fmi2\w+: ", "", reason)  # native units name the function themselves
         super().__init__(f"{instance} failed at {time:.6g} s in {function}: {text}")
+
+
+class UnitEnded(FlexbeamsError):
+    """A unit ended the run, a regular end: it discarded a step and reports fmi2Terminated."""
+
+    def __init__(self, instance: str, time: float) -> None:
+        super().__init__(f"{instance} ended the run at {time:.6g} s")

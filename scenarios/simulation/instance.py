@@ -24,9 +24,13 @@ from flexbeams.scenarios.definition.declaration import TYPE_ORDER, access_order,
 from flexbeams.scenarios.definition.dimensions import Conversion
 from flexbeams.scenarios.definition.values import TypedValue
 from flexbeams.scenarios.importing.library import library_file
-from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitEnded, UnitFailure
+from flexbeams.scenarios.simulation.loggers import Logger
+from flexbeams.scenarios.simulation.messages import Messages
 
-_WARNING = 1
+_WARNING = 1  # fmi2Warning
+DISCARD = 2  # fmi2Discard
+_TERMINATED = 3  # fmi2Terminated, a kind of fmi2GetBooleanStatus
 _POINTERS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
 _FUNCTIONS = {
     "fmi2GetReal": _POINTERS,
@@ -61,17 +65,31 @@ class UnitInstance:
 
     `connect` fixes which value references are read and written and where their values stand in arrays of the
     caller; `read`, `write` and `step` then take no arguments but the time and call the library with cached
-    pointers: FMPy's own calls convert lists and cost more than the model. Messages of the unit go to `notify`.
+    pointers: FMPy's own calls convert lists and cost more than the model. Log lines of the unit go to `notify`,
+    each kind once, with its count when the instance closes; the loggers of `library` (stepper_library) format them.
     """
 
-    def __init__(self, name: str, folder: Path, description: Any, notify: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        name: str,
+        folder: Path,
+        description: Any,
+        notify: Callable[[str], None],
+        library: Path | None = None,
+    ) -> None:
         self.name = name
         self.description = description
         self.variables = {v.name: v for v in description.modelVariables}
-        self._notify = notify
+        self._messages = Messages(name, notify)
+        # Units by pythonfmu cannot return fmi2Error: an error that they log is a failure
+        self._fails_by_log = description.coSimulation.needsExecutionTool
         self.last_error = ""
         self._callbacks = fmi2CallbackFunctions()
-        self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
+        self._logger = Logger(library, self._receive) if library else None
+        if self._logger and self._logger.address is not None:
+            self._callbacks.logger = ctypes.cast(self._logger.address, fmi2CallbackLoggerTYPE)
+        else:
+            self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
         self.time = 0.0
@@ -92,6 +110,7 @@ class UnitInstance:
             self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in categories)
         except Exception as error:  # FMPy raises Exception itself
             self._fmu.freeLibrary()
+            self._release_logger()
             raise UnitFailure(name, 0.0, "fmi2Instantiate", self.last_error or str(error)) from None
         self.component = self._fmu.component
         self._functions = {}
@@ -100,14 +119,17 @@ class UnitInstance:
             self._functions[function].argtypes = types
 
     def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+        self._receive(status, message)
+
+    def _receive(self, status: int, message: bytes) -> None:
         lines = (message or b"").decode("utf-8", "replace").strip().splitlines()
         if len(lines) > 1 and lines[0].startswith("Fatal py exception encountered"):
             del lines[0]  # pythonfmu's wrapper puts this line before the unit's own text
         text = " ".join(lines)
-        if status > 1:
+        if status > _WARNING:
             self.last_error = text
-        elif text:
-            self._notify(f"{self.name}: {text}")
+        if text and not (status > _WARNING and self._fails_by_log):
+            self._messages.add(text, warning=status <= _WARNING)
 
     def call(self, function: str, *arguments: Any) -> Any:
         """Calls an FMI function by the name that FMPy gives it; UnitFailure with the logged reason otherwise."""
@@ -115,10 +137,22 @@ class UnitInstance:
         try:
             result = getattr(self._fmu, function)(*arguments)
         except FMICallException as error:
-            raise UnitFailure(self.name, self.time, function, self.last_error or str(error)) from None
-        if self.last_error:  # a unit that cannot return fmi2Error has logged it
-            raise UnitFailure(self.name, self.time, function, self.last_error)
+            raise self.failure(function, str(error)) from None
+        if self.last_error and self._fails_by_log:
+            raise self.failure(function)
         return result
+
+    def failure(self, function: str, reason: str = "") -> UnitFailure:
+        """The failure of a call, for the reason that the unit logged, or else for this one."""
+        self._messages.forget(self.last_error)
+        return UnitFailure(self.name, self.time, function, self.last_error or reason)
+
+    def has_ended(self) -> bool:
+        """Whether the unit discarded a step because it wants the run to end."""
+        try:
+            return bool(self._fmu.getBooleanStatus(_TERMINATED))
+        except FMICallException:
+            return False
 
     def set_start(self, name: str, value: TypedValue) -> None:
         """Sets one variable by name, by its type."""
@@ -197,18 +231,23 @@ class UnitInstance:
             self._call(function, arguments)
 
     def step(self, time: float, step: float) -> None:
-        """One doStep from `time`."""
+        """One doStep from `time`; UnitEnded where the unit discards it since it wants the run to end."""
         self.time = time
-        self._call("fmi2DoStep", (self.component, time, step, 1))
+        status = self._functions["fmi2DoStep"](self.component, time, step, 1)
+        if status == DISCARD and self.has_ended():
+            raise UnitEnded(self.name, time)
+        self._require("fmi2DoStep", status)
 
     def address(self, function: str) -> int | None:
         """Address of one of the functions that a run calls at every step."""
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value
 
     def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
-        status = self._functions[function](*arguments)
-        if status > _WARNING or self.last_error:
-            raise UnitFailure(self.name, self.time, function, self.last_error or f"status {status}")
+        self._require(function, self._functions[function](*arguments))
+
+    def _require(self, function: str, status: int) -> None:
+        if status > _WARNING or (self.last_error and self._fails_by_log):
+            raise self.failure(function, f"status {status}")
 
     def _references(self, names: list[str]) -> NDArray[np.uint32]:
         return np.array([self.variables[n].valueReference for n in names], dtype=np.uint32)
@@ -224,6 +263,12 @@ class UnitInstance:
         except FMICallException:
             self.last_error = ""
         self._fmu.freeInstance()
+        self._release_logger()
+        self._messages.finish()
+
+    def _release_logger(self) -> None:
+        if self._logger:
+            self._logger.release()
 
     def __enter__(self) -> "UnitInstance":
         return self

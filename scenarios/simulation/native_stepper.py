@@ -14,8 +14,8 @@ from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.plant.basis import Array
 from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.declaration import TYPE_ORDER
-from flexbeams.scenarios.simulation.failure import UnitFailure
-from flexbeams.scenarios.simulation.instance import UnitInstance
+from flexbeams.scenarios.simulation.failure import UnitEnded
+from flexbeams.scenarios.simulation.instance import DISCARD, UnitInstance
 from flexbeams.scenarios.simulation.stepping import SignalBus
 
 _NATIVE = Path(__file__).parent / "native"
@@ -150,17 +150,15 @@ class NativeStepper:
         return seconds
 
     def _require(self, first: int, done: int, count: int) -> int:
-        """The steps done; UnitFailure where they are fewer than `count`."""
+        """The steps done; UnitFailure or UnitEnded where they are fewer than `count`."""
         self.done = first + done
         if done < count:
             instance = self._instances[self._run.failed_unit]
             function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
-            raise UnitFailure(
-                instance.name,
-                self.done * self._bus.step,
-                function,
-                instance.last_error or f"status {self._run.failed_status}",
-            )
+            instance.time = self.done * self._bus.step
+            if function == "fmi2DoStep" and self._run.failed_status == DISCARD and instance.has_ended():
+                raise UnitEnded(instance.name, instance.time)
+            raise instance.failure(function, f"status {self._run.failed_status}")
         return done
 
     def _describe(self, instance: UnitInstance) -> _Unit:
@@ -197,18 +195,18 @@ def _spans(indices: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def stepper_library(folder: Path, compiler: str) -> Path:
-    """The compiled loop, kept in the cache `folder` under a name that depends on its source and the compiler.
+    """The compiled loop and loggers, kept in the cache `folder` under a name that depends on sources and compiler.
 
     Raises BuildError, and InputError for a cache that cannot be trusted.
     """
-    source, header = _NATIVE / "stepper.c", _NATIVE / "stepper.h"
-    key = source.read_bytes() + header.read_bytes() + toolchain_key(compiler).encode()
+    sources = [_NATIVE / "stepper.c", _NATIVE / "loggers.c"]
+    key = b"".join(file.read_bytes() for file in [*sources, _NATIVE / "stepper.h"]) + toolchain_key(compiler).encode()
     digest, platform = hashlib.sha256(key).hexdigest()[:16], host_platform()
     library = folder / f"stepper-{digest}{platform.suffix}"
     prepare_cache(folder)
     if not is_sound(library, folder):
         with temporary_folder() as temporary:
             built = temporary / f"stepper{platform.suffix}"
-            find_compiler(compiler).build(built, [source], [_NATIVE], platform)
+            find_compiler(compiler).build(built, sources, [_NATIVE], platform)
             keep(library, built.read_bytes(), folder)
     return library

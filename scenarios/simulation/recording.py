@@ -25,12 +25,13 @@ class Recording:
     decimate: int = 1  # steps from row to row
     failure: UnitFailure | None = None
     interrupted: bool = False
+    ended: str = ""  # which unit ended the run before its stop time, a regular end
     frames: Frames | None = None  # of the animation, if it was recorded
     lateness: Array | None = None  # s, of each step of a paced run against the wall clock
 
     @property
     def complete(self) -> bool:
-        """Whether the run reached its stop time."""
+        """Whether the run reached its stop time, or the time at which a unit ended it."""
         return self.failure is None and not self.interrupted
 
 

@@ -248,3 +248,45 @@ def test_outputs_of_states_alone_close_no_loop(bench: Bench) -> None:
     text = "".join(f'[instance.{n}]\nfmu = "{f}.fmu"\n' for n, f in (("b", "double"), ("a", "half")))
     bench.run(text + wire("a.y", "b.u") + wire("b.y", "a.u"))
     assert not bench.notes
+
+
+def test_log_lines_are_heard_once_each_with_their_count(bench: Bench) -> None:
+    """Also those of level error with status OK; lines that differ in numbers are of one kind."""
+    unit = stage("Loud", 2.0)
+    unit.rules += ["warn nearly singular", "error solver retried"]
+    unit.write(bench.folder / "loud.fmu")
+    run = bench.run('[instance.a]\nfmu = "loud.fmu"\n' + drive("a.u", "constant = 1.0"))
+    assert run.recording.complete
+    assert [line.split(" at ")[0] for line in bench.notes] == ["a: nearly singular"] * 2 + ["a: solver retried"]
+    assert [line.endswith("(5 times)") for line in bench.notes] == [False, True, True]
+
+
+def test_a_step_discarded_as_terminated_is_a_regular_end(bench: Bench) -> None:
+    unit = stage("Ending", 2.0)
+    unit.rules.append("end 0.025")
+    unit.write(bench.folder / "ending.fmu")
+    run = bench.run('[instance.a]\nfmu = "ending.fmu"\n' + drive("a.u", "constant = 1.0"))
+    assert run.passed
+    assert run.recording.time.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert np.all(run.recording.values == 2.0)
+    assert bench.notes == ["a ended the run at 0.03 s"]
+    assert run.summary["ended"] == "a ended the run at 0.03 s"
+
+
+def test_a_discarded_step_is_a_failure(bench: Bench) -> None:
+    unit = stage("Discarding", 2.0)
+    unit.rules += ["discard 0.025", "error cannot go on"]
+    unit.write(bench.folder / "discarding.fmu")
+    run = bench.run('[instance.a]\nfmu = "discarding.fmu"\n' + drive("a.u", "constant = 1.0"))
+    assert not run.recording.complete
+    assert str(run.recording.failure).startswith("a failed at 0.03 s in fmi2DoStep: ")
+
+
+def test_a_unit_for_one_instance_is_instantiated_once(tmp_path: Path, run_folder: Path) -> None:
+    bench = Bench(tmp_path, run_folder / "build/fmus")
+    unit = stage("Single", 2.0)
+    unit.attributes = 'canBeInstantiatedOnlyOncePerProcess="true"'
+    unit.write(bench.folder / "single.fmu")
+    bench.run('[instance.a]\nfmu = "single.fmu"\n')
+    with pytest.raises(InputError, match=r"instance.b is of the same unit as a, which can be instantiated only once"):
+        bench.run('[instance.a]\nfmu = "single.fmu"\n[instance.b]\nfmu = "single.fmu"\n')

@@ -11,6 +11,12 @@
 #define EXPORTED __attribute__((visibility("default")))
 #endif
 
+/* Receives a formatted log line. */
+typedef void (*LogLine)(int status, const char *line);
+/* A logger of FMI 2.0, whose message has arguments as printf's. */
+typedef void (*Logger)(void *environment, const char *instance, int status, const char *category, const char *message,
+                       ...);
+
 typedef int (*GetReals)(void *component, const unsigned int *references, size_t n, double *values);
 typedef int (*SetReals)(void *component, const unsigned int *references, size_t n, const double *values);
 typedef int (*GetIntegers)(void *component, const unsigned int *references, size_t n, int *values);
@@ -94,6 +100,10 @@ EXPORTED size_t run_block(CoupledRun *run, int64_t first, size_t count, const do
 
 /* Steps as run_block does, with nothing recorded, and notes how long each step took, seconds (count,). */
 EXPORTED size_t time_block(CoupledRun *run, int64_t first, size_t count, const double *external, double *seconds);
+
+/* A logger that passes its lines to `receiver` until it is released; NULL where all are in use. */
+EXPORTED Logger take_logger(LogLine receiver);
+EXPORTED void release_logger(Logger logger);
 
 /* Seconds of the clock that a Pace counts in. */
 EXPORTED double pace_clock(void);

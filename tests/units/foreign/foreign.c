@@ -218,7 +218,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
                                   : strcmp(rule->verb, "fatal") == 0 ? fmi2Fatal
                                                                      : fmi2OK;
         if (status != fmi2OK)
-            unit->functions.logger(unit->functions.componentEnvironment, unit->name, status, NULL, "%s at %g", rule->text,
+            unit->functions.logger(NULL, "any", status, NULL, "%s at %g", rule->text,
                                    time);
         const int ends = strcmp(rule->verb, "end") == 0;
         if ((ends || strcmp(rule->verb, "discard") == 0) && time >= rule->gain) {
