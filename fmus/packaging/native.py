@@ -18,6 +18,7 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.binaries import binary_entries
 from flexbeams.fmus.packaging.c_tables import unit_tables
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
+from flexbeams.fmus.packaging.mac_exports import fmi_exports
 from flexbeams.fmus.packaging.single_file import single_file
 from flexbeams.fmus.packaging.version_resource import version_resource
 from flexbeams.fmus.units.kind import UnitKind, with_real_flags
@@ -134,7 +135,8 @@ def _compiled(
         files.append(folder / f"{name}.rc")
         files[-1].write_text(version_resource(unit.interface, library.name, version))
     tool.build(library, files, [HEADERS], target, ["FMI2_OVERRIDE_FUNCTION_PREFIX"])
-    return library.read_bytes()
+    content = library.read_bytes()
+    return fmi_exports(content) if target.suffix == ".dylib" else content
 
 
 def _documents(unit: NativeUnit) -> dict[str, bytes]:

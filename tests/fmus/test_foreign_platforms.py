@@ -17,7 +17,18 @@ from flexbeams.fmus.packaging.compilers import PLATFORMS
 from flexbeams.fmus.packaging.native import HEADERS, build_native_units
 from flexbeams.plant.basis import Array
 from tests.helpers import design_of
-from tests.native.workshop import HARNESSES, NATIVE_UNITS, ZIG, native_folder, native_unit, needs_zig, run, workspace
+from tests.native.workshop import (
+    HARNESSES,
+    NATIVE_UNITS,
+    STRICT,
+    ZIG,
+    native_folder,
+    native_unit,
+    needs_zig,
+    run,
+    source_file,
+    workspace,
+)
 
 pytestmark = [
     pytest.mark.native,
@@ -124,3 +135,20 @@ def test_values_and_states_are_those_of_x86_linux(
         assert len(taken_over) == len(given_away) == STEPS // 100
         print(unit, name, *(f"{difference:.1e}" for difference in differences))
         assert max(differences) <= TOLERANCE, unit
+
+
+@needs_zig
+@pytest.mark.parametrize("name", ["aarch64-linux", "x86_64-windows", "aarch64-darwin"])
+def test_sources_have_no_warning(name: str, tmp_path: Path) -> None:
+    for unit in NATIVE_UNITS:
+        command = [
+            *ZIG,
+            "-target",
+            PLATFORMS[name].target,
+            *STRICT,
+            "-O0",
+            f"-I{HEADERS}",
+            "-c",
+            str(source_file(unit)),
+        ]
+        run([*command, "-o", str(tmp_path / "unit.o")])

@@ -27,7 +27,7 @@ from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find
 from flexbeams.fmus.packaging.native import HEADERS, build_native_units, unit_sources
 from flexbeams.fmus.units.native_kernel import NATIVE
 from tests.helpers import ROOT, STRUCTURES, UNITS, Workshop, design_of
-from tests.native.mach_o import ARM64, LINKER_NAMES, X86_64, read_library, universal
+from tests.native.mach_o import ARM64, X86_64, read_library, universal
 from tests.native.workshop import (
     FUNCTIONS,
     HARNESSES,
@@ -301,11 +301,25 @@ def test_the_windows_library(everywhere: Path) -> None:
 @needs_zig
 @pytest.mark.parametrize("cpu", [X86_64, ARM64])
 def test_the_mac_libraries(everywhere: Path, cpu: int) -> None:
-    """Export FMI and the two names of all that zig links, from macOS 11 on; signed for ARM, which demands it."""
+    """Export FMI alone, from macOS 11 on; signed for ARM, which demands it."""
     mac = read_library(universal((everywhere / "binaries/darwin64/TrackingController.dylib").read_bytes())[cpu])
     assert (mac.cpu, mac.oldest_macos) == (cpu, (11, 0))
-    assert mac.exports == sorted([*(f"_{name}" for name in FUNCTIONS), *LINKER_NAMES])
+    assert mac.exports == sorted(f"_{name}" for name in FUNCTIONS)
     assert mac.signed == (cpu == ARM64)
+
+
+@needs_zig
+@needs("llvm-objdump")
+@pytest.mark.parametrize("platform", ["x86_64-darwin", "aarch64-darwin"])
+def test_another_reader_finds_the_exports_of_the_mac_libraries(everywhere: Path, platform: str) -> None:
+    """With the addresses of the symbol table."""
+    path = library(everywhere, platform)
+    lines = run(["llvm-objdump", "--macho", "--exports-trie", str(path)]).split("Exports trie:")[1].split("\n")
+    exports = {line.split()[1]: int(line.split()[0], 16) for line in lines if line.strip()}
+    symbols = run(["llvm-objdump", "--macho", "--syms", str(path)]).splitlines()
+    addresses = {line.split()[-1]: int(line.split()[0], 16) for line in symbols if " g " in line}
+    assert exports.keys() == {f"_{name}" for name in FUNCTIONS}
+    assert exports.items() <= addresses.items()
 
 
 @needs_zig

@@ -5,7 +5,6 @@ import struct
 from dataclasses import dataclass
 
 X86_64, ARM64 = 0x01000007, 0x0100000C
-LINKER_NAMES = {"__mh_dylib_header", "___dso_handle"}  # zig's linker exports them, of all libraries
 _DYLD_INFO, _EXPORTS_TRIE, _BUILD_VERSION, _SIGNATURE = 0x80000022, 0x80000033, 0x32, 0x1D
 
 
