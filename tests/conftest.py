@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from flexbeams.controller.design import Design, compute_design
-from flexbeams.controller.options import DesignOptions
-from flexbeams.plant.structure import Structure, find_structure, read_structure
+from flexbeams.fmus.packaging.compilers import Compiler
 from flexbeams.scenarios.definition.settings import Settings
-from tests.helpers import STRUCTURES, BuiltUnits, Workshop, design_of, session_folder, with_shared_units
+from tests.compilations import compile_anew, compile_once
+from tests.helpers import BuiltUnits, Workshop, computed_once, session_folder, with_shared_units
 from tests.native.workshop import native_folder, needs_zig
 
 MOST_WORKERS = 8
@@ -41,6 +40,20 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
         return None
     affinity = getattr(os, "sched_getaffinity", None)
     return min(MOST_WORKERS, len(affinity(0)) if affinity else os.cpu_count() or 1)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def shared_compilations() -> Iterator[None]:
+    """Units of equal sources are compiled once, whatever test exports them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Compiler, "build", compile_once)
+        yield
+
+
+@pytest.fixture
+def own_compilations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every library is compiled, in tests of the compilation itself."""
+    monkeypatch.setattr(Compiler, "build", compile_anew)
 
 
 @pytest.fixture(scope="session")
@@ -81,17 +94,12 @@ def ctrl_c() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.fixture
-def known_designs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs in this process take designs that the session has computed already."""
-
-    def compute(structure: Structure, options: DesignOptions | None = None) -> Design:
-        for name in STRUCTURES if options == DesignOptions() else ():
-            if structure == read_structure(find_structure(name)):
-                return design_of(name)
-        return compute_design(structure, options)
-
-    monkeypatch.setattr("flexbeams.scenarios.runs.prepare.compute_design", compute)
+@pytest.fixture(autouse=True, scope="session")
+def known_designs() -> Iterator[None]:
+    """Runs and exports in this process take designs that the session has computed already."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("flexbeams.scenarios.runs.prepare.compute_design", computed_once)
+        yield
 
 
 @pytest.fixture

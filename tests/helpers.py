@@ -21,7 +21,7 @@ from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE
-from flexbeams.plant.structure import find_structure, read_structure
+from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.masters.isolation import resident_bytes
 
@@ -98,19 +98,23 @@ def made_once(name: str, make: Callable[[Path], object]) -> Path:
     return folder
 
 
+def computed_once(structure: Structure, options: DesignOptions | None = None) -> Design:
+    """compute_design, once in the session for a structure and its options."""
+
+    def make(folder: Path) -> None:
+        (folder / "design.pickle").write_bytes(pickle.dumps(compute_design(structure, options)))
+
+    key = hashlib.sha256(repr((structure, options or DesignOptions())).encode()).hexdigest()
+    design = pickle.loads((made_once(f"designs/{key[:32]}", make) / "design.pickle").read_bytes())
+    assert isinstance(design, Design)
+    return design
+
+
 @cache
 def design_of(structure: str = "kiel", basis: str = "clamped_free") -> Design:
     """The design of a shipped structure with default options."""
-
-    def make(folder: Path) -> None:
-        options = DesignOptions(basis=basis)  # type: ignore[arg-type]
-        design = compute_design(read_structure(find_structure(structure)), options)
-        (folder / "design.pickle").write_bytes(pickle.dumps(design))
-
-    folder = made_once(f"designs/{structure}-{basis}", make)
-    design = pickle.loads((folder / "design.pickle").read_bytes())
-    assert isinstance(design, Design)
-    return design
+    options = DesignOptions(basis=basis)  # type: ignore[arg-type]
+    return computed_once(read_structure(find_structure(structure)), options)
 
 
 class Workshop:

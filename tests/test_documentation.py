@@ -12,7 +12,7 @@ import pytest
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import ROOT, python_environment, with_shared_units
 
-pytestmark = [pytest.mark.slow, pytest.mark.native, pytest.mark.usefixtures("known_designs")]
+pytestmark = [pytest.mark.slow, pytest.mark.native]
 
 PAGES = ["README.md", "plant/README.md", "controller/README.md", "fmus/README.md", "scenarios/README.md"]
 

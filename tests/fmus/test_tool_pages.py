@@ -66,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def make(done: set[str], folder: Path, known_designs: None, monkeypatch: pytest.MonkeyPatch) -> Make:
+def make(done: set[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """Runs a command of a page, each once."""
     monkeypatch.chdir(folder)
 

@@ -12,8 +12,6 @@ from flexbeams.scenarios.cli.main import main
 from tests.helpers import LOOP_WIRES, Workshop
 from tests.units import lag_interface as lag
 
-pytestmark = pytest.mark.usefixtures("known_designs")
-
 Write = Callable[[str, str], Path]
 Refused = Callable[..., str]
 

@@ -22,8 +22,6 @@ from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.recording import Recording
 from tests.helpers import STRUCTURES, design_of
 
-pytestmark = pytest.mark.usefixtures("known_designs")
-
 Write = Callable[[str, str], Path]
 TIME = np.linspace(0, 2, 401)
 

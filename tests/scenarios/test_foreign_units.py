@@ -12,7 +12,7 @@ from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.units.foreign.unit import ForeignUnit, ForeignVariable
 
-pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
+pytestmark = pytest.mark.native
 
 V = ForeignVariable
 HEAD = 'title = "foreign"\nstructure = "single_beam"\nstop_time = 0.05\nstep = 0.01\n'

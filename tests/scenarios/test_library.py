@@ -23,7 +23,7 @@ from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.validation.references import reference_checks
 from tests.helpers import PUSHED_SCENARIO
 
-pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
+pytestmark = pytest.mark.native
 OTHER_CPU = b"\x7fELF of another CPU"
 SUFFIX = fmpy.sharedLibraryExtension
 

@@ -18,7 +18,7 @@ from flexbeams.scenarios.masters.tasks import read_task
 from flexbeams.scenarios.masters.trace import deviation
 from flexbeams.scenarios.runs.scenario import run_scenario
 
-pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
+pytestmark = pytest.mark.native
 STOP, STEP = 1.2, 2e-4  # s
 NS = {"o": OSP_STRUCTURE}
 VALUES = {"plant.noise_seed": 5.0, "plant.strain_noise_std": 1e-8}

@@ -20,7 +20,7 @@ from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.native.workshop import needs_zig, workspace
 from tests.units.loaded import loaded
 
-pytestmark = [needs_zig, pytest.mark.usefixtures("known_designs")]
+pytestmark = needs_zig
 STEP = 2e-4
 STOPS = {"tracking": 1.2, "single_beam": 1.2, "five_beams": 1.2, "disturbance": 1.1}  # s, into the motions
 WITH_RIG = """title = "x"

@@ -18,7 +18,7 @@ from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.helpers import STRUCTURES, design_of
 
-pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
+pytestmark = pytest.mark.native
 
 Write = Callable[[str, str], Path]
 NAMES = (

@@ -11,7 +11,7 @@ import pytest
 from flexbeams.scenarios.cli.main import main
 from tests.native.workshop import needs_zig
 
-pytestmark = [needs_zig, pytest.mark.usefixtures("known_designs")]
+pytestmark = needs_zig
 TOOLS = ("veos", "simulink", "dymola", "mastersim", "te1420")
 
 
