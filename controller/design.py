@@ -85,8 +85,8 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
     except InputError as error:
         raise DesignError(str(error)) from None
     system = model.assemble()
-    reduced = _reduce(model, system, options, options.reduced_modes)
-    warnings = sampling_warnings(reduced, options, partial(_reduce, model, system, options))
+    reduced = reduced_with(model, system, options, options.reduced_modes)
+    warnings = sampling_warnings(reduced, options, partial(reduced_with, model, system, options))
     statics = statics_of(model, options)
     if options.static_maps != "basis":
         reduced = with_statics(reduced, statics)
@@ -139,8 +139,8 @@ def _offsets(statics: Statics, options: DesignOptions) -> OffsetMap | None:
     )
 
 
-def _reduce(model: BeamModel, system: SecondOrderSystem, options: DesignOptions, modes: int) -> ReducedModel:
-    """The reduced model with so many modes of each beam."""
+def reduced_with(model: BeamModel, system: SecondOrderSystem, options: DesignOptions, modes: int) -> ReducedModel:
+    """The reduced model with so many modes of each beam, without static maps from elsewhere."""
     return reduce(
         model,
         system,

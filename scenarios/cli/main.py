@@ -18,6 +18,7 @@ from flexbeams.scenarios.cli.export import export
 from flexbeams.scenarios.cli.files import list_files, new, schema, show
 from flexbeams.scenarios.cli.identify import identify
 from flexbeams.scenarios.cli.run import run
+from flexbeams.scenarios.cli.tune import tune
 from flexbeams.scenarios.cli.validate import validate
 from flexbeams.scenarios.processes.interrupt import termination_as_interrupt
 
@@ -32,7 +33,7 @@ def commands() -> None:
     """
 
 
-for verb in (run, compare, export, bench, design, build, list_files, show, new, schema, validate, identify, cache):
+for verb in (run, compare, export, bench, design, build, list_files, show, new, schema, validate, identify, tune, cache):
     commands.add_command(verb)
 
 
