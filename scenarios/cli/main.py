@@ -33,7 +33,8 @@ def commands() -> None:
     """
 
 
-for verb in (run, compare, export, bench, design, build, list_files, show, new, schema, validate, identify, tune, cache):
+verbs = (run, compare, export, bench, design, tune, build, list_files, show, new, schema, validate, identify, cache)
+for verb in verbs:
     commands.add_command(verb)
 
 
