@@ -1,14 +1,50 @@
 """The verb `flexbeams compare`."""
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from flexbeams.scenarios.cli.options import note, say
+from flexbeams.scenarios.cli.options import POSITIVE, note, say
+
+
+def _pairs(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, str]:
+    """THEIR=VALUE options as a table."""
+    table = {}
+    for text in values:
+        key, equals, value = text.partition("=")
+        if not (key and equals and value):
+            raise click.BadParameter(f"must be {parameter.metavar}, got {text!r}")
+        table[key] = value
+    return table
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN RUN...", type=click.Path(path_type=Path))
+@click.option(
+    "--map",
+    "names",
+    multiple=True,
+    callback=_pairs,
+    metavar="THEIR=OURS",
+    help="Column or array in a file of another tool, and its name in the run: y=plant.y_pi. Repeatable.",
+)
+@click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    callback=_pairs,
+    metavar="THEIR=UNIT",
+    help="Unit of measurement of a column in such a file that is not SI: y=mm, time=ms. Repeatable.",
+)
+@click.option(
+    "--tolerance",
+    type=POSITIVE,
+    metavar="X",
+    help="Exit status 1 where a signal differs by more than X of its largest value in the first run.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Differences as JSON; writes no page.")
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
@@ -16,20 +52,49 @@ from flexbeams.scenarios.cli.options import note, say
     show_default=True,
     help="Folder of compare.html, compare.png and compare.svg.",
 )
-def compare(runs: tuple[Path, ...], out: Path) -> int:
-    """Overlay finished runs; each RUN is a folder of results, such as results/tracking.
+def compare(
+    runs: tuple[Path, ...],
+    names: dict[str, str],
+    units: dict[str, str],
+    tolerance: float | None,
+    as_json: bool,
+    out: Path,
+) -> int:
+    """Compare finished runs and recordings of other tools with the first RUN.
 
-    Prints checks and metrics side by side and writes the signals that all runs recorded as a page and a figure.
+    Each RUN is a folder of results, such as results/tracking, or a file .csv, .parquet, .mat or .mf4 with a column
+    `time`. Prints settings that differ, the difference of each signal, checks and metrics, and writes a page.
     """
     from flexbeams.scenarios.api.comparisons import compare as read_runs
-    from flexbeams.scenarios.cli.comparison_tables import show_comparison
-    from flexbeams.scenarios.report.comparison import write_comparison
+    from flexbeams.scenarios.cli.comparison_tables import show_comparison, show_differences
+    from flexbeams.scenarios.results.differences import setting_differences, signal_differences
 
-    comparison = read_runs(*runs)
+    comparison = read_runs(*runs, names=names, units=units)
     if comparison.left_out:
         note(f"not in every run, left out: {', '.join(comparison.left_out)}")
+    settings, signals = setting_differences(comparison), signal_differences(comparison)
+    holds = tolerance is None or all(d.relative <= tolerance for d in signals)
+    if as_json:
+        labels = [run.label for run in comparison.runs]
+        click.echo(
+            json.dumps(
+                {
+                    "runs": labels,
+                    "settings": {name: dict(zip(labels, cells, strict=True)) for name, cells in settings},
+                    "signals": [d.record() for d in signals],
+                    "left_out": comparison.left_out,
+                    "tolerance": tolerance,
+                    "holds": holds,
+                },
+                indent=2,
+            )
+        )
+        return 0 if holds else 1
+    from flexbeams.scenarios.report.comparison import write_comparison
+
     written = write_comparison(comparison, out)
+    show_differences(comparison, settings, signals, tolerance)
     show_comparison(comparison)
     for path in written:
         say(path)
-    return 0
+    return 0 if holds else 1

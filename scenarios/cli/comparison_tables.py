@@ -4,8 +4,50 @@ from rich.table import Table
 
 from flexbeams.scenarios.cli.tables import cell, console
 from flexbeams.scenarios.results.compare import Comparison, check_table, fact_table, metric_table
+from flexbeams.scenarios.results.differences import SignalDifference
 
 _MARKS = {"holds": " [green]ok[/]", "failed": " [red bold]FAILED[/]", "": ""}
+
+
+def show_differences(
+    comparison: Comparison,
+    settings: list[tuple[str, list[str]]],
+    signals: list[SignalDifference],
+    tolerance: float | None,
+) -> None:
+    """Settings that differ, then the difference of each signal from the first run, the largest first."""
+    out = console()
+    if settings:
+        table = Table(title="settings that differ", title_justify="left", title_style="bold")
+        table.add_column("")
+        for run in comparison.runs:
+            table.add_column(cell(run.label), justify="right")
+        for name, cells in settings:
+            table.add_row(cell(name), *map(cell, cells))
+        out.print(table)
+    elif all(run.summary for run in comparison.runs):
+        out.print("no settings differ")
+    title = f"differences from {cell(comparison.runs[0].label)}, SI units"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("signal")
+    for heading in ("largest", "rms", "relative", "at"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    several = len(comparison.runs) > 2
+    for d in signals:
+        name = f"{d.run}: {d.signal}" if several else d.signal
+        figures = (f"{d.largest:.3g}", f"{d.rms:.3g}", f"{d.relative:.2g}", f"{d.time:.6g} s")
+        verdict = "" if tolerance is None else _MARKS["holds" if d.relative <= tolerance else "failed"]
+        table.add_row(cell(name), *figures, verdict)
+    out.print(table)
+    worst = signals[0]
+    equal = (
+        "all signals are equal"
+        if worst.largest == 0
+        else f"largest relative difference: {worst.relative:.2g}, {worst.signal}"
+    )
+    between = f", {worst.interpolated} of {worst.rows} rows interpolated" if worst.interpolated else ""
+    out.print(cell(f"{equal} ({worst.rows} common times{between})"), soft_wrap=True)
 
 
 def show_comparison(comparison: Comparison) -> None:

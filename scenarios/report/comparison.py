@@ -11,6 +11,8 @@ from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import panel
 from flexbeams.scenarios.results.compare import Comparison, check_table, fact_table, metric_table
 from flexbeams.scenarios.results.curves import Curve, curve
+from flexbeams.scenarios.results.differences import common_rows
+from flexbeams.scenarios.simulation.recording import Recording
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
@@ -27,7 +29,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
 
 def comparison_html(comparison: Comparison, title: str) -> str:
     """The page; equal runs give equal bytes except for the durations."""
-    groups = _groups(comparison)
+    groups = [*_groups(comparison), *_difference_groups(comparison)]
     return render(
         "compare.html.j2",
         title=title,
@@ -38,6 +40,23 @@ def comparison_html(comparison: Comparison, title: str) -> str:
         groups=groups,
         data={"groups": groups},
     )
+
+
+def _difference_groups(comparison: Comparison) -> list[dict[str, Any]]:
+    """A group of panels for each further run: its differences from the first run, for the arrays of the figure."""
+    first, *others = comparison.runs
+    groups = []
+    for run in others:
+        rows = common_rows(first.recording, run.recording, comparison.signals)
+        gap = rows.other - rows.first
+        recording = Recording(time=rows.time, columns=comparison.signals, values=gap, wall_seconds=float("nan"))
+        curves = [curve(name, recording) for name in _figure_arrays(comparison)]
+        drawn = [c for c in curves if np.any(gap[:, c.columns])]
+        panels = [panel(f"{c.label} {c.element(e)}", [(c, e, c.label)]) for c in drawn for e in range(len(c.columns))]
+        notes = [f"{c.label} is equal" for c in curves if c not in drawn]
+        title = f"Difference of {run.label} from {first.label}"
+        groups.append({"title": title, "window": None, "panels": panels, "notes": notes})
+    return groups
 
 
 def _groups(comparison: Comparison) -> list[dict[str, Any]]:
@@ -81,4 +100,4 @@ def _figure_arrays(comparison: Comparison) -> list[str]:
     """Arrays for the figure: deflections and voltages of the plants, or the first arrays where there is no plant."""
     plants = [name.removesuffix(".y_pi") for name in comparison.arrays if name.endswith(".y_pi")]
     signals = [f"{plant}.{base}" for plant in plants for base in ("y_pi", "u")]
-    return [name for name in signals if name in comparison.arrays] or comparison.arrays[:3]
+    return [name for name in signals if name in comparison.arrays] or comparison.arrays[:3] or comparison.signals[:8]

@@ -1,7 +1,8 @@
 """Finished runs side by side: their common signals, checks and metrics."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.results.curves import DISPLAY_UNITS, array_name, quantity_of
 from flexbeams.scenarios.results.display import number, verdict
 from flexbeams.scenarios.results.files import read_results
+from flexbeams.scenarios.results.reading import read_recording
 from flexbeams.scenarios.simulation.recording import Recording
 
 _KEYS = ("scenario", "title", "checks", "metrics", "timing", "coupling", "backend", "design_id", "complete")
@@ -31,52 +33,81 @@ class Comparison:
 
     runs: list[FinishedRun]
     arrays: list[str]  # recorded in every run, with the same elements
+    signals: list[str]  # recorded in every run, each element
     left_out: list[str]  # recorded in some
 
 
-def compare(folders: list[Path]) -> Comparison:
-    """Reads at least two runs; InputError for a folder without results and for runs without comparable signals."""
-    if len(folders) < 2:
-        raise InputError("RUN", "must be at least two folders of results", len(folders))
-    resolved = [folder.resolve() for folder in folders]
-    for folder, path in zip(folders, resolved, strict=True):
+def compare(
+    runs: Sequence[Path], names: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
+) -> Comparison:
+    """Reads at least two folders of results or files of other tools; the first is the reference.
+
+    `names` and `units` are for files, see read_recording. Raises InputError for what cannot be read, and for runs
+    without a common signal.
+    """
+    if len(runs) < 2:
+        raise InputError("RUN", "must be at least two folders of results, or files", len(runs))
+    resolved = [path.resolve() for path in runs]
+    for given, path in zip(runs, resolved, strict=True):
         if resolved.count(path) > 1:
-            raise InputError("RUN", "must be different folders", str(folder))
-    names = [path.name for path in resolved]
-    runs = [
-        _read(folder, name if names.count(name) == 1 else str(folder))
-        for folder, name in zip(folders, names, strict=True)
+            raise InputError("RUN", "must be different folders", str(given))
+    labels = [path.name for path in resolved]
+    read = [
+        _read(given, label if labels.count(label) == 1 else str(given), names or {}, units or {})
+        for given, label in zip(runs, labels, strict=True)
     ]
-    elements = [_elements(run.recording) for run in runs]
-    common = [name for name in elements[0] if all(name in e for e in elements)]
-    for name in common:
-        for run, e in zip(runs, elements, strict=True):
-            if e[name] != elements[0][name]:
-                raise InputError(
-                    "RUN",
-                    f"must record the same signals: {name} has {len(e[name])} elements in "
-                    f"{run.folder}, {len(elements[0][name])} in {runs[0].folder}",
-                )
-    if not common:
-        raise InputError("RUN", f"must record the same signals: {runs[0].folder} and the others share none")
-    union = dict.fromkeys(name for e in elements for name in e)
-    return Comparison(runs=runs, arrays=common, left_out=[name for name in union if name not in common])
+    for option, table in (("--map", names), ("--unit", units)):
+        if table and all(path.is_dir() for path in runs):
+            raise InputError(option, "is for files of other tools, these are folders of results", next(iter(table)))
+    read = [_with_names_of(run, read) for run in read]
+    columns = [run.recording.columns for run in read]
+    signals = [name for name in columns[0] if all(name in c for c in columns)]
+    if not signals:
+        raise InputError("RUN", f"must record the same signals: {runs[0]} and the others share none (use --map)")
+    elements = [_elements(run.recording) for run in read]
+    arrays = [name for name, own in elements[0].items() if all(e.get(name) == own for e in elements)]
+    left_out = dict.fromkeys(array_name(name) for c in columns for name in c if name not in signals)
+    return Comparison(runs=read, arrays=arrays, signals=signals, left_out=list(left_out))
 
 
-def _read(folder: Path, label: str) -> FinishedRun:
+def _with_names_of(run: FinishedRun, runs: list[FinishedRun]) -> FinishedRun:
+    """A run from a file, whose columns without an instance get the name of the only signal that ends with theirs."""
+    if run.summary:
+        return run
+    known = dict.fromkeys(name for other in runs if other.summary for name in other.recording.columns)
+
+    def full(name: str) -> str:
+        ends = [] if name in known else [k for k in known if k.partition(".")[2] == name]
+        return ends[0] if len(ends) == 1 else name
+
+    return replace(run, recording=replace(run.recording, columns=[full(n) for n in run.recording.columns]))
+
+
+def _read(path: Path, label: str, names: Mapping[str, str], units: Mapping[str, str]) -> FinishedRun:
+    if path.is_dir() or not path.suffix:
+        return _read_folder(path, label)
+    return FinishedRun(label=label, folder=path, summary={}, recording=read_recording(path, names, units))
+
+
+def _read_folder(folder: Path, label: str) -> FinishedRun:
     path = folder / "summary.json"
     if not path.is_file():
         raise InputError("", "is not a folder of results: it has no summary.json", source=str(folder))
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         missing = [key for key in _KEYS if key not in summary] if isinstance(summary, dict) else list(_KEYS)
-    except (OSError, ValueError) as error:
-        raise InputError("", f"is not a summary of a run: {error}", source=str(path)) from None
+    except (OSError, ValueError):  # their texts quote the file
+        raise InputError("", "is not a summary of a run: it is not JSON", source=str(path)) from None
+    if isinstance(summary, dict) and summary.get("unfinished"):
+        raise InputError("", "is of a run that was ended while it wrote its results", source=str(path))
     if missing:
         raise InputError(missing[0], "is missing: this is not a summary of a run", source=str(path))
-    if not (folder / "results.csv").is_file():
-        raise InputError("", "has no results.csv; run the scenario again with --format csv", source=str(folder))
-    return FinishedRun(label=label, folder=folder, summary=summary, recording=read_results(folder / "results.csv"))
+    for suffix in (".csv", ".parquet", ".mat", ".mf4"):
+        file = folder / f"results{suffix}"
+        if file.is_file():
+            recording = read_results(file) if suffix == ".csv" else read_recording(file, {}, {})
+            return FinishedRun(label=label, folder=folder, summary=summary, recording=recording)
+    raise InputError("", "has no results.csv or other results", source=str(folder))
 
 
 def _elements(recording: Recording) -> dict[str, list[str]]:
@@ -89,7 +120,7 @@ def _elements(recording: Recording) -> dict[str, list[str]]:
 
 def check_table(comparison: Comparison) -> list[tuple[str, list[dict[str, str]]]]:
     """Each check's name with its measured value in each run; empty text where a run has no such check."""
-    checks_by_run = [{c["name"]: c for c in run.summary["checks"]} for run in comparison.runs]
+    checks_by_run = [{c["name"]: c for c in run.summary.get("checks", [])} for run in comparison.runs]
     empty = {"measured": "", "paper": "", "verdict": ""}
 
     def cell(record: dict[str, Any]) -> dict[str, str]:
@@ -107,21 +138,22 @@ def check_table(comparison: Comparison) -> list[tuple[str, list[dict[str, str]]]
 
 def metric_table(comparison: Comparison) -> list[tuple[str, list[str]]]:
     """Each metric that is not a check, with its value in each run; empty text where a run has none."""
-    checks = {c["name"] for run in comparison.runs for c in run.summary["checks"]}
-    names = dict.fromkeys(n for run in comparison.runs for n in run.summary["metrics"] if n not in checks)
+    checks = {c["name"] for run in comparison.runs for c in run.summary.get("checks", [])}
+    names = dict.fromkeys(n for run in comparison.runs for n in run.summary.get("metrics", {}) if n not in checks)
 
     def text(name: str, value: float | None) -> str:
         unit, factor = DISPLAY_UNITS[quantity_of(name.split(".")[1].split("[")[0]) if "." in name else "value"]
         return "" if value is None else f"{value * factor:.5g} {unit}".strip()
 
-    return [(name, [text(name, run.summary["metrics"].get(name)) for run in comparison.runs]) for name in names]
+    return [(name, [text(name, run.summary.get("metrics", {}).get(name)) for run in comparison.runs]) for name in names]
 
 
 def fact_table(comparison: Comparison) -> list[tuple[str, list[str]]]:
     """Title, backend, coupling, design id, end and duration of each run."""
-    rows = [(term, [str(run.summary[key]) for run in comparison.runs]) for key, term in _FACTS.items()]
+    rows = [(term, [str(run.summary.get(key, "")) for run in comparison.runs]) for key, term in _FACTS.items()]
     ends = [
-        f"{run.recording.time[-1]:g} s" + ("" if run.summary["complete"] else ", incomplete") for run in comparison.runs
+        f"{run.recording.time[-1]:g} s" + ("" if run.summary.get("complete", True) else ", incomplete")
+        for run in comparison.runs
     ]
-    walls = [number(run.summary["timing"].get("wall_s"), "s") for run in comparison.runs]
+    walls = [number(run.summary.get("timing", {}).get("wall_s"), "s") for run in comparison.runs]
     return [*rows, ("Simulated", ends), ("Stepping loop", walls)]

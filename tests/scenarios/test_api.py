@@ -96,7 +96,7 @@ def test_margins_of_a_design_on_another_plant() -> None:
         (lambda: fb.design(reduced_mode=4), "design: reduced_mode is not a known key; did you mean 'reduced_modes'?"),
         (lambda: fb.export("tracking", format="sspp"), "format must be one of ssp, "),  # type: ignore[arg-type]
         (lambda: fb.export("tracking", "a.fmu", parts=("plant",), format="ssp"), "--parts belongs to --format closed"),
-        (lambda: fb.compare("results"), "RUN must be at least two folders of results, got 1"),
+        (lambda: fb.compare("results"), "RUN must be at least two folders of results, or files, got 1"),
     ],
 )
 def test_mistakes(call: object, message: str) -> None:

@@ -1,0 +1,240 @@
+"""`flexbeams compare` beside files of other tools: names, units, time grids, differences, verdict."""
+
+import importlib.util
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.results.compare import compare
+from flexbeams.scenarios.results.differences import setting_differences, signal_differences
+from flexbeams.scenarios.results.files import read_results, write_results
+from flexbeams.scenarios.results.reading import read_recording
+from flexbeams.scenarios.simulation.recording import Recording
+
+TIME = np.arange(101) * 1e-2
+COLUMNS = ["plant.y_pi[1]", "plant.y_pi[2]", "plant.u[1]"]
+VALUES = np.stack([1e-3 * np.sin(3 * TIME), 2e-3 * np.cos(2 * TIME), 100 * TIME], axis=1)
+SUMMARY = {
+    "scenario": "s",
+    "title": "t",
+    "structure": "kiel",
+    "checks": [],
+    "metrics": {},
+    "timing": {"wall_s": 1.0},
+    "coupling": "jacobi",
+    "backend": "native",
+    "design_id": "x",
+    "complete": True,
+    "set": {},
+    "settings": {},
+}
+
+
+def run_folder_of(path: Path, columns: list[str] = COLUMNS, scale: float = 1.0, **changes: object) -> Path:
+    values = scale * VALUES[:, : len(columns)]
+    recording = Recording(time=TIME, columns=columns, values=values, wall_seconds=1.0)
+    write_results(path, recording, {**SUMMARY, **changes})
+    return path
+
+
+def csv_file(path: Path, header: str, *columns: np.ndarray, separator: str = ",") -> Path:
+    rows = [separator.join(repr(float(v)) for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def test_a_coarser_file_in_other_names_and_units(tmp_path: Path) -> None:
+    """Every fifth row; millimetres and milliseconds; exact where times agree but for rounding."""
+    run = run_folder_of(tmp_path / "run")
+    time = TIME[::5] * 1e3 * (1 + 1e-15)
+    file = csv_file(tmp_path / "a.csv", "time,y[1],y[2]", time, VALUES[::5, 0] * 1e3, VALUES[::5, 1] * 1e3)
+    comparison = compare([run, file], {"y": "plant.y_pi"}, {"y": "mm", "time": "ms"})
+    assert comparison.signals == COLUMNS[:2]
+    assert comparison.left_out == ["plant.u"]
+    found = signal_differences(comparison)
+    assert {d.signal for d in found} == set(COLUMNS[:2])
+    for difference in found:
+        assert difference.relative < 1e-14
+        assert (difference.rows, difference.interpolated) == (21, 0)
+
+
+def test_the_largest_difference_is_found_where_it_is(tmp_path: Path) -> None:
+    run = run_folder_of(tmp_path / "run")
+    values = VALUES.copy()
+    values[40, 1] += 1e-12
+    values[70, 2] += 2e-9
+    file = csv_file(tmp_path / "a.csv", "Time [s];y_pi[1];y_pi[2];u[1]", TIME, *values.T, separator=";")
+    found = signal_differences(compare([run, file]))
+    assert [(d.signal, round(d.time, 9)) for d in found[:2]] == [("plant.y_pi[2]", 0.4), ("plant.u[1]", 0.7)]
+    assert found[0].largest == pytest.approx(1e-12, rel=1e-3)
+    assert found[0].relative == pytest.approx(1e-12 / np.abs(VALUES[:, 1]).max(), rel=1e-3)
+    assert found[0].rms == pytest.approx(1e-12 / np.sqrt(101), rel=1e-3)
+    assert found[2].largest == 0
+
+
+def test_times_between_rows_are_interpolated(tmp_path: Path) -> None:
+    run = run_folder_of(tmp_path / "run")
+    time = TIME[:-1] + 3e-3
+    file = csv_file(tmp_path / "a.csv", "t,plant.u[1]", time, 100 * time)
+    [difference] = signal_differences(compare([run, file]))
+    assert difference.relative < 1e-12  # of a straight line
+    assert difference.interpolated == difference.rows == 99
+
+
+def test_settings_that_differ_stand_first(tmp_path: Path) -> None:
+    first = run_folder_of(tmp_path / "first")
+    other = run_folder_of(
+        tmp_path / "other", scale=1.1, coupling="gauss-seidel", set={"plant.beam[1].tip_mass": 0.03}, design_id="x"
+    )
+    comparison = compare([first, other])
+    assert setting_differences(comparison) == [
+        ("coupling", ["jacobi", "gauss-seidel"]),
+        ("plant.beam[1].tip_mass", ["", "0.03"]),
+    ]
+    assert all(d.relative == pytest.approx(0.1) for d in signal_differences(comparison))
+
+
+def test_what_is_common_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = run_folder_of(tmp_path / "first")
+    other = run_folder_of(tmp_path / "other", columns=["plant.y_pi[1]", "plant.y_pi[3]"])
+    third = run_folder_of(tmp_path / "third")
+    assert (
+        main(["compare", *map(str, (first, other, third)), "--out", str(tmp_path / "out"), "--tolerance", "1e-9"]) == 0
+    )
+    shown = capsys.readouterr()
+    assert "not in every run, left out: plant.y_pi, plant.u" in shown.err
+    assert "all signals are equal (101 common times)" in shown.out
+    page = (tmp_path / "out/compare.html").read_text()
+    assert "Difference of other from first" in page
+    assert "Difference of third from first" in page
+
+
+def test_tolerance_decides_the_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["compare", str(run_folder_of(tmp_path / "a")), str(run_folder_of(tmp_path / "b", scale=1 + 1e-6))]
+    arguments += ["--out", str(tmp_path / "out"), "--json", "--tolerance"]
+    for tolerance, status in (("1.1e-6", 0), ("0.9e-6", 1)):
+        assert main([*arguments, tolerance]) == status
+        figures = json.loads(capsys.readouterr().out)
+        assert figures["holds"] is (status == 0)
+        assert figures["runs"] == ["a", "b"]
+        assert [s["relative"] for s in figures["signals"]] == pytest.approx([1e-6, 1e-6, 1e-6])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", ["parquet", "mat"])
+def test_every_format_of_a_run_is_read_back(kind: str, tmp_path: Path) -> None:
+    if kind == "parquet":
+        pytest.importorskip("pyarrow")
+    recording = Recording(time=TIME, columns=COLUMNS, values=VALUES, wall_seconds=1.0)
+    write_results(tmp_path / "run", recording, SUMMARY, [kind])  # type: ignore[list-item]
+    read = read_recording(tmp_path / f"run/results.{kind}", {}, {})
+    order = [read.columns.index(name) for name in COLUMNS]
+    np.testing.assert_array_equal(read.values[:, order], VALUES)
+    np.testing.assert_array_equal(read.time, TIME)
+    assert signal_differences(compare([run_folder_of(tmp_path / "csv"), tmp_path / "run"]))[0].largest == 0
+
+
+@pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="needs the extra mf4")
+def test_mf4_files_are_read(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as file:
+        file.append([Signal(VALUES[:, k], TIME, name=f"y{k}") for k in range(2)])
+        file.save(tmp_path / "a.mf4")
+    read = read_recording(tmp_path / "a.mf4", {"y0": COLUMNS[0], "y1": COLUMNS[1]}, {"y1": "mm"})
+    np.testing.assert_array_equal(read.time, TIME)
+    np.testing.assert_allclose(read.values, VALUES[:, :2] * [1, 1e-3], rtol=1e-15)
+
+
+def events(path: Path) -> Path:
+    return csv_file(path, "time,x", np.array([0, 1, 1, 2.0]), np.array([0, 1, 5, 6.0]))
+
+
+def test_the_last_row_of_a_time_holds(tmp_path: Path) -> None:
+    read = read_recording(events(tmp_path / "a.csv"), {}, {})
+    np.testing.assert_array_equal(read.time, [0, 1, 2])
+    np.testing.assert_array_equal(read.values[:, 0], [0, 5, 6])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "options", "message"),
+    [
+        ("a.csv", b"x,y\n0,1\n1,2\n", {}, "must have a column named time or t"),
+        ("a.csv", b"time,y\n1,1\n0,2\n", {}, "must have ascending times"),
+        ("a.csv", b"time,y\n0,1\n", {}, "must have ascending times, at least two"),
+        ("a.csv", b"time,y,y\n0,1,1\n1,2,3\n", {}, "one name for each column"),
+        ("a.csv", b"time,q\n0,secret\n1,secret\n", {}, "must record the same signals"),
+        ("a.csv", b"secret", {}, "is not a CSV file of numbers"),
+        ("a.csv", b"time,y\n0,1\n1,secret\n", {}, "column 2 must hold numbers alone, its row 2 does not"),
+        ("a.parquet", b"secret", {}, "is not a readable Parquet file"),
+        ("a.mat", b"secret", {}, "is not a readable MAT file"),
+        ("a.xlsx", b"secret", {}, "must be a folder of results or a file .csv, .parquet"),
+        ("a.csv", b"time,y\n0,1\n1,2\n", {"names": {"z": "plant.u"}}, "--map names no column of"),
+        ("a.csv", b"time,y\n0,1\n1,2\n", {"units": {"y": "ft"}}, "--unit of y must be a known unit"),
+        ("a.csv", b"time,a,b\n0,1,1\n1,2,2\n", {"names": {"a": "x", "b": "x"}}, "--map must not give two columns"),
+        ("a.csv", b"time,q\n0,1\n1,2\n", {}, "must record the same signals"),
+        ("a.csv", b"time,u[1]\n5,1\n6,2\n", {}, "must overlap in time: they are of 0 to 1 s and 5 to 6 s"),
+    ],
+)
+def test_bad_files_are_refused(
+    name: str, content: bytes, options: dict[str, dict[str, str]], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    if name.endswith("parquet"):
+        pytest.importorskip("pyarrow")
+    with pytest.raises(InputError, match=message) as raised:
+        signal_differences(compare([run_folder_of(tmp_path / "run"), tmp_path / name], **options))
+    assert "secret" not in str(raised.value)
+
+
+def test_options_for_files_need_a_file(tmp_path: Path) -> None:
+    folders = [run_folder_of(tmp_path / "a"), run_folder_of(tmp_path / "b")]
+    with pytest.raises(InputError, match="--map is for files of other tools"):
+        compare(folders, {"y": "plant.y_pi"})
+
+
+@pytest.mark.native
+def test_fmpy_simulates_the_exported_loop_as_the_runner_does(
+    tmp_path: Path, at_run_folder: Path, known_designs: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At another output interval; then a run with another tip mass, whose largest difference is named."""
+    from fmpy import simulate_fmu
+    from fmpy.util import write_csv
+
+    options: list[str] = ["single_beam", "--stop-time", "1.4", "--set", "plant.force=0.02"]
+    assert main(["export", *options, "--with-signals", "-o", str(tmp_path / "loop.fmu")]) == 0
+    quick: Callable[..., list[str]] = lambda out, *more: [  # noqa: E731
+        *("run", *options, "--no-report", "--no-figures", "--out", str(tmp_path / out)),
+        *more,
+    ]
+    assert main(quick("run")) in (0, 1)  # the checks are not those of a pushed beam
+    result = simulate_fmu(str(tmp_path / "loop.fmu"), stop_time=1.4, output_interval=1e-3)
+    write_csv(str(tmp_path / "fmpy.csv"), result)
+    capsys.readouterr()
+    compared = ["compare", str(tmp_path / "run"), str(tmp_path / "fmpy.csv"), "--map", "u=plant.u", "--json"]
+    assert main([*compared, "--tolerance", "1e-9"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert {"plant.y_pi[1]", "plant.u[1]"} <= {s["signal"] for s in figures["signals"]}
+    assert all(s["rows"] == 1401 and s["interpolated"] == 0 for s in figures["signals"])
+    text = (tmp_path / "fmpy.csv").read_text().splitlines()
+    read = read_results(tmp_path / "run/results.csv")
+    peak = np.abs(read.values[:, read.columns.index("plant.y_pi[1]")]).max()
+    column = text[0].replace('"', "").split(",").index("y_pi[1]")
+    row = text[1300].split(",")
+    row[column] = repr(float(row[column]) + 2e-9 * float(peak))
+    (tmp_path / "fmpy.csv").write_text("\n".join([*text[:1300], ",".join(row), *text[1301:]]) + "\n")
+    assert main([*compared, "--tolerance", "1e-9"]) == 1
+    worst = json.loads(capsys.readouterr().out)["signals"][0]
+    assert (worst["signal"], round(worst["time"], 6)) == ("plant.y_pi[1]", 1.299)
+    assert worst["relative"] == pytest.approx(2e-9, rel=0.01)
+    assert main(quick("heavy", "--set", "plant.beam[1].tip_mass=0.03")) in (0, 1)
+    capsys.readouterr()
+    assert main(["compare", str(tmp_path / "run"), str(tmp_path / "heavy"), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    assert shown.index("plant.beam[1].tip_mass") < shown.index("differences from run")
+    assert "largest relative difference: " in shown
