@@ -20,13 +20,13 @@ def printable(text: str, keep: str = "") -> str:
 
 def quoted(value: object) -> str:
     """The value as Python writes it, cut to MAX_QUOTED characters."""
-    text = printable(repr(value))
-    return text if len(text) <= MAX_QUOTED else f"{text[: MAX_QUOTED - 4]} ..."
+    return shortened(printable(repr(value)))
 
 
 def shortened(text: str) -> str:
-    """The text cut to MAX_QUOTED characters."""
-    return text if len(text) <= MAX_QUOTED else f"{text[: MAX_QUOTED - 4]} ..."
+    """The text cut to MAX_QUOTED characters in its middle: the end of a path is its file."""
+    half = MAX_QUOTED // 2
+    return text if len(text) <= MAX_QUOTED else f"{text[: half - 2]} ... {text[3 - half :]}"
 
 
 def _escaped(character: str) -> str:

@@ -138,8 +138,8 @@ def case(designs: dict[str, dict[str, Array]], kernel: str, name: str, basis: st
     return {key.removeprefix(prefix): value for key, value in designs[kernel].items() if key.startswith(prefix)}
 
 
-@pytest.mark.parametrize(("name", "basis"), CASES)
 @pytest.mark.slow
+@pytest.mark.parametrize(("name", "basis"), CASES)
 def test_every_linear_algebra_gives_one_design(designs: dict[str, dict[str, Array]], name: str, basis: str) -> None:
     """The same id, and arrays within 1e-9 of each one's largest entry."""
     first = case(designs, KERNELS[0], name, basis)
@@ -150,6 +150,7 @@ def test_every_linear_algebra_gives_one_design(designs: dict[str, dict[str, Arra
             assert largest_difference(array, first[key]) < 1e-9, (kernel, key)
 
 
+@pytest.mark.slow
 def test_kernels_do_round_differently(designs: dict[str, dict[str, Array]]) -> None:
     """Otherwise the test above shows nothing."""
     gains = [case(designs, kernel, "kiel", "clamped_free")["feedback_gain"] for kernel in KERNELS]

@@ -28,6 +28,8 @@ from tests.plant.identification.data import (
     steps,
 )
 
+pytestmark = pytest.mark.slow
+
 # Seeds of the noise; 200 for the full measurement (one to two seconds each)
 SEEDS = int(os.environ.get("FLEXBEAMS_IDENTIFICATION_SEEDS", "4"))
 TARGET = np.array([-8e-3, 1e-3, 4e-3, -6e-3])  # m
