@@ -7,6 +7,7 @@ from flexbeams.fmus.interface.si import SI_UNITS
 
 SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 SSC, SSD, SSV = f"{SSP}Common", f"{SSP}Description", f"{SSP}ParameterValues"
+SSM = f"{SSP}ParameterMapping"
 
 Entry = tuple[str, str, str, str | None]  # name, type and value of a parameter, and its unit of measurement
 

@@ -31,13 +31,16 @@ def validate(files: tuple[Path, ...], runs: bool) -> int:
     failures = 0
     for path in files:
         package = is_package(path.name)
-        problems = package_problems(path) if package else unit_problems(path)
+        notes: list[str] = []
+        problems = package_problems(path, notes.append) if package else unit_problems(path)
         checks = [] if package or problems or not runs else reference_checks(path)
         failures += len(problems) + sum(not passed for passed, _ in checks)
         for problem in problems:
             say(f"{path}: {problem}")
         if not problems:
             say(f"{path}: valid")
+        for text in notes:
+            click.echo(f"{path}: note: {text}")
         for _, line in checks:
             say(f"{path}: {line}")
     return 1 if failures else 0

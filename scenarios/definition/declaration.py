@@ -90,3 +90,17 @@ def by_index(names: Iterable[str]) -> list[str]:
     return sorted(
         names, key=lambda n: [tuple(map(int, i.split(","))) for i in re.findall(r"\[([0-9]+(?:,[0-9]+)*)\]", n)]
     )
+
+
+def split_owner(text: str, owners: Iterable[str]) -> tuple[str, str]:
+    """The instance and the variable of <instance>.<variable>, where names of instances may have dots."""
+    owner = max((name for name in owners if text.startswith(f"{name}.")), key=len, default=text.partition(".")[0])
+    return owner, text.removeprefix(owner).removeprefix(".")
+
+
+def is_settable(variable: Any) -> bool:
+    """Whether a variable takes a start value: parameters, inputs, and what starts exactly or approximately."""
+    if variable.causality in ("parameter", "input"):
+        return True
+    variable_initial = getattr(variable, "initial", None)
+    return variable_initial in ("exact", "approx") and getattr(variable, "variability", None) != "constant"

@@ -97,6 +97,10 @@ def read_scenario(path: Path) -> Scenario:
 def _read(path: Path) -> ScenarioFile:
     text = read_text(path)
     scenario = validate(Scenario, parse_toml(text, str(path)), str(path))
+    for name in scenario.instance:
+        if not name.isidentifier():
+            rule = "must be a name of letters, digits and underscores"
+            raise InputError(f"instance.{name}", rule, source=str(path))
     return ScenarioFile(path=path, scenario=scenario, description=first_comment(text))
 
 

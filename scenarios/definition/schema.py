@@ -211,6 +211,3 @@ class Scenario:
     def __post_init__(self) -> None:
         if not self.instance:
             raise InputError("instance", "must hold at least one instance")
-        for name in self.instance:
-            if not name.isidentifier():
-                raise InputError(f"instance.{name}", "must be a name of letters, digits and underscores")

@@ -18,7 +18,13 @@ from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
-from flexbeams.scenarios.definition.declaration import InstanceDeclaration, by_index, element_names
+from flexbeams.scenarios.definition.declaration import (
+    InstanceDeclaration,
+    by_index,
+    element_names,
+    is_settable,
+    split_owner,
+)
 from flexbeams.scenarios.definition.schema import Instance, Scenario, Value
 from flexbeams.scenarios.definition.values import TypedValue, require_bounds, require_value
 
@@ -97,7 +103,7 @@ def start_values(
         for key, value in instance.start.items():
             values[name] |= _assigned(f"instance.{name}.start.{key}", key, value, variables, source)
     for key, value in overrides.items():
-        owner, _, variable = key.partition(".")
+        owner, variable = split_owner(key, declarations)
         if owner not in declarations:
             raise InputError("--set", f"names an unknown instance {owner!r}" + suggestion(owner, declarations), key)
         values[owner] |= _assigned(f"--set {key}", variable, value, declarations[owner].variables, "")
@@ -110,7 +116,7 @@ def require_undriven(overrides: Mapping[str, Value], driven: Mapping[str, Collec
     `driven` has these inputs by instance.
     """
     for key in overrides:
-        owner, _, variable = key.removesuffix("[]").partition(".")
+        owner, variable = split_owner(key.removesuffix("[]"), driven)
         if any(name == variable or name.startswith(f"{variable}[") for name in driven[owner]):
             raise InputError("--set", "must not set an input that the scenario drives", key)
 
@@ -139,7 +145,7 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
         names = by_index(n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}"))
     else:
         names = element_names(variables, key)
-    settable = [n for n in names if variables[n].causality in ("parameter", "input")]
+    settable = [n for n in names if is_settable(variables[n])]
     if not settable:
         known = [
             re.sub(r"\[[0-9,]+\]$", "", re.sub(r"\[[0-9,]+\]\.", "[].", n))

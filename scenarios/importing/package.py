@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from flexbeams.scenarios.definition.choices import Coupling
+from flexbeams.scenarios.definition.dimensions import Dimension
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +25,9 @@ class Parameter:
     type: str
     value: str
     unit: str = ""
+    converted: bool = True  # between units of measurement that differ
+    factor: float = 1.0  # of a mapping's transformation, after that conversion
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +59,9 @@ class Package:
     description: str
     components: dict[str, Component]
     connections: list[PackageConnection]
-    units: dict[str, tuple[float, ...]] = field(default_factory=dict)  # exponents of SI's base units, factor, offset
+    units: dict[str, Dimension] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)  # on what is ignored, one line each
+    start_time: float = 0.0  # s
     stop_time: float | None = None  # s
     step: float | None = None  # s
     coupling: Coupling | None = None

@@ -1,16 +1,18 @@
 """SSP packages of FMI 2.0 co-simulation units: one flat system of typed connectors, as all tools read them."""
 
-import re
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any, get_args
 
 from flexbeams.fmus.documents.xml_documents import SSC, SSD
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Coupling
+from flexbeams.scenarios.definition.dimensions import Dimension
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.package import Component, Connector, Package, PackageConnection
 from flexbeams.scenarios.importing.parameter_bindings import bind_system, bound_parameters
+from flexbeams.scenarios.importing.parameter_mappings import boolean, linear_transformation
 from flexbeams.scenarios.importing.ssp_documents import NS, STRUCTURE, SspFolder
 
 # Communication steps in annotations: this project's, the Open Simulation Platform's, OMSimulator's
@@ -51,35 +53,39 @@ def _package(root: Any, package: SspFolder) -> Package:
         components[component.name] = component
     if not components:
         raise package.error("System", "must hold a component", system.get("name"))
-    bind_system(system, components, package)
+    notes = bind_system(system, components, package)
+    experiment = root.find("ssd:DefaultExperiment", NS)
     return Package(
         name=root.get("name"),
         description=system.get("description") or root.get("description") or "",
         components=components,
         connections=_connections(system, components, package),
         units={
-            u.get("name"): _dimension(u.find("ssc:BaseUnit", NS).attrib)
+            u.get("name"): Dimension.of_base(u.find("ssc:BaseUnit", NS).attrib)
             for u in root.iterfind("ssd:Units/ssc:Unit", NS)
         },
-        stop_time=_stop_time(root.find("ssd:DefaultExperiment", NS), package),
+        notes=notes,
+        start_time=_time(experiment, "startTime", package) or 0.0,
+        stop_time=_time(experiment, "stopTime", package),
         step=_step(root),
         coupling=_coupling(root),
     )
 
 
-def _stop_time(experiment: Any, package: SspFolder) -> float | None:
-    if experiment is None:
+def _time(experiment: Any, attribute: str, package: SspFolder) -> float | None:
+    """A time of the default experiment, s; None where it is not given."""
+    text = None if experiment is None else experiment.get(attribute)
+    if text is None:
         return None
-    if float(experiment.get("startTime", 0)) != 0:
-        raise package.error("DefaultExperiment startTime", "must be 0", experiment.get("startTime"))
-    stop = experiment.get("stopTime")
-    return None if stop is None else float(stop)
+    if not isfinite(time := float(text)):
+        raise package.error(f"DefaultExperiment {attribute}", "must be finite", text)
+    return time
 
 
 def _component(element: Any, package: SspFolder) -> Component:
     name = element.get("name")
-    if not re.fullmatch(r"\w+", name):
-        raise package.error("Component", "must have a name of letters, digits and underscores", name)
+    if not name or not name.isprintable():
+        raise package.error("Component", "must have a name of printable characters", name)
     kind = element.get("type", "application/x-fmu-sharedlibrary")
     if kind != "application/x-fmu-sharedlibrary" or element.get("implementation") == "ModelExchange":
         raise package.error(
@@ -111,8 +117,7 @@ def _connections(system: Any, components: Mapping[str, Component], package: SspF
     connections: list[PackageConnection] = []
     driven: set[tuple[str, str]] = set()
     for c in system.iterfind("ssd:Connections/ssd:Connection", NS):
-        if any(child.tag.startswith(f"{{{SSC}}}") for child in c):
-            raise package.error("Connection", "transformations are not supported", c.get("endConnector"))
+        factor, offset = linear_transformation(c, "Connection", c.get("endConnector"), package)
         ends = [(c.get(f"{e}Element"), c.get(f"{e}Connector")) for e in ("start", "end")]
         for owner, name in ends:
             if owner not in components or name not in components[owner].connectors:
@@ -127,18 +132,11 @@ def _connections(system: Any, components: Mapping[str, Component], package: SspF
         if ends[1] in driven:
             raise package.error("Connection", "must not drive an input that is driven already", ".".join(ends[1]))
         driven.add(ends[1])
-        suppressed = c.get("suppressUnitConversion", "false") in ("true", "1")
-        connections.append(PackageConnection(start=ends[0], end=ends[1], converted=not suppressed))
+        converted = not boolean(c.get("suppressUnitConversion"))
+        connections.append(
+            PackageConnection(start=ends[0], end=ends[1], converted=converted, factor=factor, offset=offset)
+        )
     return connections
-
-
-def _dimension(base: Mapping[str, str]) -> tuple[float, ...]:
-    """Exponents of SI's base units, then factor and offset."""
-    return (
-        *(float(base.get(k, 0)) for k in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")),
-        float(base.get("factor", 1)),
-        float(base.get("offset", 0)),
-    )
 
 
 def _step(root: Any) -> float | None:

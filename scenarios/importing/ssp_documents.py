@@ -4,13 +4,13 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from flexbeams.fmus.documents.xml_documents import SSC, SSD, SSV
+from flexbeams.fmus.documents.xml_documents import SSC, SSD, SSM, SSV
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.importing.xml_reading import detached, read_document, schema_problems
 
 STRUCTURE = "SystemStructure.ssd"
 VERSIONS = ("1.0", "2.0")  # of SSP; documents of 2.0 are read as far as they keep to 1.0
-NS = {"ssd": SSD, "ssc": SSC, "ssv": SSV}
+NS = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "ssm": SSM}
 
 
 class SspFolder:

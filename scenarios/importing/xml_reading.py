@@ -8,10 +8,14 @@ from typing import Any
 import fmpy
 from lxml import etree
 
-from flexbeams.fmus.documents.xml_documents import SSD, SSV
+from flexbeams.fmus.documents.xml_documents import SSD, SSM, SSV
 from flexbeams.plant.errors import InputError
 
-_SCHEMAS = {SSD: "SystemStructureDescription.xsd", SSV: "SystemStructureParameterValues.xsd"}
+_SCHEMAS = {
+    SSD: "SystemStructureDescription.xsd",
+    SSV: "SystemStructureParameterValues.xsd",
+    SSM: "SystemStructureParameterMapping.xsd",
+}
 
 
 def read_document(content: bytes, source: str) -> Any:

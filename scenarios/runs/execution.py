@@ -37,11 +37,13 @@ def execute(
         settings = prepared.settings
         native = settings.backend == "native"
         library = stepper_library(settings.build_folder, settings.compiler) if native else None
-        for name, file in files.items():
-            instances[name] = _loaded(name, file, folder / name, prepared, observer, budget, library)
+        for k, (name, file) in enumerate(files.items()):  # numbered folders: a package may have any names
+            instances[name] = _loaded(name, file, folder / f"unit{k}", prepared, observer, budget, library)
             stack.callback(instances[name].close)
         stepper = _stepper(instances, prepared)
-        simulation = CoSimulation(instances, prepared.wiring, prepared.step, prepared.scenario.coupling, stepper)
+        simulation = CoSimulation(
+            instances, prepared.wiring, prepared.step, prepared.scenario.coupling, stepper, prepared.start_time
+        )
         try:
             for name, values in prepared.starts.items():
                 for variable, value in values.items():

@@ -10,6 +10,7 @@ from typing import Any
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration
+from flexbeams.scenarios.definition.dimensions import declared_dimensions
 from flexbeams.scenarios.definition.schema import Connection, Instance, Scenario
 from flexbeams.scenarios.definition.settings import Settings, start_values
 from flexbeams.scenarios.definition.variants import changed_settings
@@ -26,7 +27,14 @@ from flexbeams.scenarios.runs.requirements import (
     require_one_instance_each,
     whole_steps,
 )
-from flexbeams.scenarios.validation.package import start_table, structure_problems, unit_descriptions
+from flexbeams.scenarios.validation.package import (
+    connection_conversion,
+    package_declarations,
+    package_notes,
+    structure_problems,
+    unit_descriptions,
+)
+from flexbeams.scenarios.validation.parameters import parameter_values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,11 +106,18 @@ def prepare_package(
     tools = any(d.coSimulation.needsExecutionTool for d in descriptions.values())
     settings = replace(settings, record_animation=False, backend="python" if tools else "native")
     step = _step(package, descriptions, settings, source)
-    scenario = _scenario(package, step, settings, source)
-    declarations = {name: InstanceDeclaration.of_description(d) for name, d in descriptions.items()}
+    declarations = package_declarations(package, descriptions)
+    scenario = _scenario(package, declarations, step, settings, source)
+    for text in package_notes(package, descriptions):
+        notify(text)
     require_one_design(declarations, source)
     require_one_instance_each(declarations, source)
-    sets: dict[str, Any] = {name: start_table(component) for name, component in package.components.items()}
+    sets = {
+        name: parameter_values(
+            component, descriptions[name], package.units, declared_dimensions(descriptions[name])
+        ).values
+        for name, component in package.components.items()
+    }
     starts = start_values(scenario, declarations, settings.overrides, source, sets)
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     steps = whole_steps(scenario, step, settings, source)
@@ -113,6 +128,7 @@ def prepare_package(
         settings=settings,
         step=step,
         steps=steps,
+        start_time=package.start_time,
         declarations=declarations,
         starts=starts,
         wiring=wiring,
@@ -129,25 +145,35 @@ def _step(package: Package, descriptions: Mapping[str, Any], settings: Settings,
     return step
 
 
-def _scenario(package: Package, step: float, settings: Settings, source: str) -> Scenario:
+def _scenario(
+    package: Package,
+    declarations: Mapping[str, InstanceDeclaration],
+    step: float,
+    settings: Settings,
+    source: str,
+) -> Scenario:
     """The package as a scenario, with the settings in place of the package's own values."""
     stop = settings.stop_time or package.stop_time
     if stop is None:
         raise InputError("--stop-time", "must be given: the package has no stop time", source=source)
-    if not 0 < stop < float("inf"):
-        raise InputError("stop_time", "must be finite and > 0", stop, source=source)
+    if not package.start_time < stop < float("inf"):
+        rule = f"must be finite and > {package.start_time:g}, the start time"
+        raise InputError("stop_time", rule, stop, source=source)
     return Scenario(
         title=package.description or package.name,
         structure="",
-        stop_time=stop,
+        stop_time=stop - package.start_time,
         step=step,
         coupling=settings.coupling or package.coupling or "jacobi",
         instance={name: Instance(fmu=c.fmu.name) for name, c in package.components.items()},
-        connection=[_connection(c) for c in package.connections],
+        connection=[_connection(c, declarations) for c in package.connections],
     )
 
 
-def _connection(c: PackageConnection) -> Connection:
-    """A connection as a scenario has it; a package may switch the conversion of units of measurement off."""
+def _connection(c: PackageConnection, declarations: Mapping[str, InstanceDeclaration]) -> Connection:
+    """A connection as a scenario has it; with a transformation, or without conversion, its factor and offset."""
     ends: Any = {"from": ".".join(c.start), "to": ".".join(c.end)}
-    return Connection(**ends) if c.converted else Connection(**ends, factor=1.0, offset=0.0)
+    found = connection_conversion(declarations, c)
+    if isinstance(found, str) or (c.converted and c.factor == 1.0 and c.offset == 0.0):
+        return Connection(**ends)
+    return Connection(**ends, factor=found.factor, offset=found.offset)

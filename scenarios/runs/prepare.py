@@ -49,6 +49,7 @@ class PreparedRun:
     declarations: dict[str, InstanceDeclaration]
     starts: dict[str, StartValues]
     wiring: Wiring
+    start_time: float = 0.0  # s
 
     def numeric_starts(self, instance: str) -> dict[str, float | bool]:
         """Start values of an instance but for Strings."""

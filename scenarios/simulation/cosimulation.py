@@ -29,6 +29,7 @@ class CoSimulation:
         step: float,
         coupling: Coupling,
         stepper: Callable[[Mapping[str, UnitInstance], SignalBus], Stepper] | None = None,
+        start_time: float = 0.0,
     ) -> None:
         self._instances, self._wiring, self._step = instances, wiring, step
         signals = np.zeros(wiring.size)
@@ -41,6 +42,7 @@ class CoSimulation:
             recorded=np.array(wiring.recorded, dtype=np.int64),
             coupling=coupling,
             step=step,
+            start_time=start_time,
         )
         for name, instance in instances.items():
             written = [n for n, _ in wiring.inputs[name]]
@@ -49,9 +51,12 @@ class CoSimulation:
         self.stepper: Stepper = stepper(instances, self._bus) if stepper else self._python_stepper
 
     def initialise(self, stop_time: float, notify: Callable[[str], None] = lambda text: None) -> None:
-        """Initialisation mode of all instances, whose values follow the connections; loops are noted."""
+        """Initialisation mode of all instances for a run of `stop_time` s; values follow the connections.
+
+        Loops are noted.
+        """
         for instance in self._instances.values():
-            instance.call("setupExperiment", None, 0.0, stop_time)
+            instance.call("setupExperiment", None, self._bus.start_time, self._bus.start_time + stop_time)
             instance.call("enterInitializationMode")
         self._drive(0)
         Initialisation(self._instances, self._wiring, self._bus.signals).exchange(notify)
@@ -85,6 +90,7 @@ class CoSimulation:
                 ended, done = str(end), self.stepper.done
         seconds = clock.perf_counter() - begin
         recording = rows.recording(self._wiring.columns, done, self._step, seconds, self._wiring.converted_columns)
+        recording.time += self._bus.start_time
         recording.failure, recording.ended = failure, ended
         recording.interrupted = failure is None and not ended and done < steps
         recording.frames = frames.taken()

@@ -260,8 +260,8 @@ class UnitInstance:
         """Terminates and frees the instance."""
         try:
             self._fmu.terminate()
-        except FMICallException:
-            self.last_error = ""
+        except FMICallException:  # of an instance that failed before
+            self._messages.forget(self.last_error)
         self._fmu.freeInstance()
         self._release_logger()
         self._messages.finish()

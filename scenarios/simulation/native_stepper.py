@@ -61,6 +61,7 @@ class _Run(ctypes.Structure):
         ("n_units", ctypes.c_size_t),
         ("gauss_seidel", ctypes.c_int),
         ("step", ctypes.c_double),
+        ("start_time", ctypes.c_double),
         ("signals", ctypes.c_void_p),
         ("n_signals", ctypes.c_size_t),
         ("first_external", ctypes.c_int64),
@@ -106,6 +107,7 @@ class NativeStepper:
             n_units=len(instances),
             gauss_seidel=bus.coupling != "jacobi",
             step=bus.step,
+            start_time=bus.start_time,
             signals=bus.signals.ctypes.data,
             n_signals=len(bus.signals),
             first_external=bus.first_external,
@@ -155,7 +157,7 @@ class NativeStepper:
         if done < count:
             instance = self._instances[self._run.failed_unit]
             function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
-            instance.time = self.done * self._bus.step
+            instance.time = self._bus.start_time + self.done * self._bus.step
             if function == "fmi2DoStep" and self._run.failed_status == DISCARD and instance.has_ended():
                 raise UnitEnded(instance.name, instance.time)
             raise instance.failure(function, f"status {self._run.failed_status}")

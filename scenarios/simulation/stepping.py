@@ -23,6 +23,7 @@ class SignalBus:
     recorded: NDArray[np.int64]  # indices of a recorded row
     coupling: Coupling
     step: float  # s
+    start_time: float = 0.0  # s, of step 0
 
 
 class Stepper(Protocol):
@@ -56,7 +57,7 @@ class PythonStepper:
         for row in external:
             driven[:] = row
             bus.signals.take(bus.recorded, out=rows[-(-self.done // every)], mode="clip")
-            move(self.done * bus.step)
+            move(bus.start_time + self.done * bus.step)
             self.done += 1
         return len(external)
 

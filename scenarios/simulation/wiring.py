@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.compatibility import joined
-from flexbeams.scenarios.definition.declaration import InstanceDeclaration, access_order, element_names
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, access_order, element_names, split_owner
 from flexbeams.scenarios.definition.dimensions import Conversion
 from flexbeams.scenarios.definition.schema import Connection, Scenario
 from flexbeams.scenarios.definition.signals import Signal, column_note, signal_of
@@ -105,7 +105,7 @@ class _Builder:
 
     def _signal(self, key: str, text: str, causality: str | None = None) -> tuple[str, list[str]]:
         """The instance and the scalars that <instance>.<variable> names."""
-        owner, _, variable = text.partition(".")
+        owner, variable = split_owner(text, self._declarations)
         if owner not in self._declarations:
             raise self._error(key, f"names an unknown instance {owner!r}" + suggestion(owner, self._declarations), text)
         usable = {

@@ -1,7 +1,9 @@
 """Checks of a package against its FMUs: connectors, units of measurement, start values."""
 
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +11,21 @@ from fmpy.validation import validate_fmu
 
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.temporary import temporary_folder
+from flexbeams.scenarios.definition.compatibility import joined
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration
+from flexbeams.scenarios.definition.dimensions import IDENTITY, Conversion, Dimension, conversion, declared_dimensions
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.fmu import unit_description
-from flexbeams.scenarios.importing.package import Component, Connector, Package, PackageConnection, Parameter
+from flexbeams.scenarios.importing.package import Connector, Package, PackageConnection
 from flexbeams.scenarios.importing.ssp import open_package
+from flexbeams.scenarios.validation.parameters import parameter_values
 
-Value = float | bool | str
 
+def package_problems(file: Path, notify: Callable[[str], None] = lambda text: None) -> list[str]:
+    """All problems of an SSP, one line each: schemas, structure, units, start values, its FMUs.
 
-def package_problems(file: Path) -> list[str]:
-    """All problems of an SSP, one line each: schemas, structure, units, start values, its FMUs."""
+    Notes are no problems: what is ignored or converted, and start values that tools without parameter sets would miss.
+    """
     with temporary_folder() as temporary:
         folder = temporary / "package"
         try:
@@ -26,7 +33,9 @@ def package_problems(file: Path) -> list[str]:
             descriptions = unit_descriptions(package, str(file))
         except InputError as error:
             return [str(error).removeprefix(f"{file}: ").replace(f"{folder}/", "")]
-        problems = [*structure_problems(package, descriptions), *start_problems(package, descriptions)]
+        problems = structure_problems(package, descriptions)
+        for text in (*package_notes(package, descriptions), *_differences(package, descriptions)):
+            notify(text)
         for fmu in dict.fromkeys(c.fmu for c in package.components.values()):
             problems += [f"{fmu.relative_to(folder)}: {problem}" for problem in unit_problems(fmu)]
     return problems
@@ -60,40 +69,57 @@ def structure_problems(package: Package, descriptions: Mapping[str, Any]) -> lis
     problems = []
     for name, component in package.components.items():
         variables = {v.name: v for v in descriptions[name].modelVariables}
-        dimensions = _dimensions(package, descriptions[name])
+        own = declared_dimensions(descriptions[name])
         for connector in component.connectors.values():
-            problems += [f"{name}.{connector.name} {p}" for p in _connector(connector, variables, dimensions)]
-        for parameter in component.parameters:
-            problems += [f"{name}.{parameter.name} {p}" for p in _parameter(parameter, variables, dimensions)]
+            problems += [
+                f"{name}.{connector.name} {p}" for p in _connector(connector, variables, {**own, **package.units}, own)
+            ]
+        problems += parameter_values(component, descriptions[name], package.units, own).problems
+    declarations = package_declarations(package, descriptions)
     for connection in package.connections:
-        problems += _connection(package, descriptions, connection)
+        problems += _connection(declarations, connection)
     return problems
 
 
-def start_problems(package: Package, descriptions: Mapping[str, Any]) -> list[str]:
-    """Start values that differ from the FMU's own: tools that ignore parameter sets would run another system."""
-    problems = []
+def package_notes(package: Package, descriptions: Mapping[str, Any]) -> list[str]:
+    """What is ignored or converted, one line each."""
+    notes = [*package.notes]
     for name, component in package.components.items():
-        variables = {v.name: v for v in descriptions[name].modelVariables}
-        for variable, value in start_table(component).items():
-            own = variables[variable].start if variable in variables else None
-            if own is None or _value(variables[variable].type, own) != value:
-                problems.append(f"{name}.{variable} is {value!r} in the parameter set and {own} in its FMU")
-    return problems
+        own = declared_dimensions(descriptions[name])
+        notes += parameter_values(component, descriptions[name], package.units, own).notes
+    return notes
 
 
-def start_table(component: Component) -> dict[str, Value]:
-    """Start values of a component by variable; the last one counts."""
-    return {p.name: _value(p.type, p.value) for p in component.parameters}
+def _differences(package: Package, descriptions: Mapping[str, Any]) -> list[str]:
+    """Start values of the parameter sets that are not those of the FMUs."""
+    differences = []
+    for name, component in package.components.items():
+        own = declared_dimensions(descriptions[name])
+        differences += parameter_values(component, descriptions[name], package.units, own).differences
+    return differences
 
 
-def _value(kind: str, text: str) -> Value:
-    if kind == "Boolean":
-        return text in ("true", "1")
-    return text if kind == "String" else float(text)
+def package_declarations(package: Package, descriptions: Mapping[str, Any]) -> dict[str, InstanceDeclaration]:
+    """The components as their FMUs declare them, with the units of measurement that only the package states."""
+    declarations = {}
+    for name, component in package.components.items():
+        declared = InstanceDeclaration.of_description(descriptions[name])
+        variables = dict(declared.variables)
+        for connector in component.connectors.values():
+            variable = variables.get(connector.name)
+            if variable is not None and connector.unit and not variable.unit:
+                variables[connector.name] = copy(variable)
+                variables[connector.name].unit = connector.unit
+        declarations[name] = replace(declared, variables=variables, dimensions={**package.units, **declared.dimensions})
+    return declarations
 
 
-def _connector(connector: Connector, variables: Mapping[str, Any], dimensions: Mapping[str, Any]) -> Iterator[str]:
+def _connector(
+    connector: Connector,
+    variables: Mapping[str, Any],
+    dimensions: Mapping[str, Dimension],
+    of_unit: Mapping[str, Dimension],
+) -> Iterator[str]:
     variable = variables.get(connector.name)
     if variable is None:
         yield "is not a variable of its FMU" + suggestion(connector.name, variables)
@@ -102,59 +128,34 @@ def _connector(connector: Connector, variables: Mapping[str, Any], dimensions: M
         yield f"is an {connector.kind} in the package and {variable.causality} in its FMU"
     if connector.type and connector.type != variable.type:
         yield f"is {connector.type} in the package and {variable.type} in its FMU"
-    if not _same_unit(connector.unit, variable.unit or "", dimensions):
+    if conversion(connector.unit, variable.unit or "", dimensions, of_unit) != IDENTITY:
         yield f"has the unit {connector.unit!r} in the package and {variable.unit!r} in its FMU"
 
 
-def _parameter(parameter: Parameter, variables: Mapping[str, Any], dimensions: Mapping[str, Any]) -> Iterator[str]:
-    variable = variables.get(parameter.name)
-    if variable is None:
-        yield "is not a variable of its FMU" + suggestion(parameter.name, variables)
-        return
-    if variable.causality not in ("parameter", "input"):
-        yield f"is {variable.causality} in its FMU and cannot take a start value"
-    elif parameter.type != variable.type:
-        yield f"is {parameter.type} in the parameter set and {variable.type} in its FMU"
-    elif parameter.type in ("Real", "Integer"):
-        low, high = (float(variable.min or "-inf"), float(variable.max or "inf"))
-        if not low <= float(parameter.value) <= high or abs(float(parameter.value)) == float("inf"):
-            yield f"must be finite and from {low:g} to {high:g}, got {parameter.value}"
-    if not _same_unit(parameter.unit, variable.unit or "", dimensions):
-        yield f"has the unit {parameter.unit!r} in the parameter set and {variable.unit!r} in its FMU"
+def _connection(declarations: Mapping[str, InstanceDeclaration], connection: PackageConnection) -> Iterator[str]:
+    found = connection_conversion(declarations, connection)
+    if isinstance(found, str):
+        yield f"connection {'.'.join(connection.start)} to {'.'.join(connection.end)} {found}"
 
 
-def _connection(package: Package, descriptions: Mapping[str, Any], connection: PackageConnection) -> Iterator[str]:
-    start, end = connection.start, connection.end
-    text = f"connection {'.'.join(start)} to {'.'.join(end)}"
-    kinds, units = [], []
-    for owner, name in (start, end):
-        variable = next((v for v in descriptions[owner].modelVariables if v.name == name), None)
-        if variable is None:
-            return
-        kinds.append(variable.type)
-        units.append(package.components[owner].connectors[name].unit or variable.unit or "")
-    if kinds != ["Real", "Real"]:
-        yield f"{text} joins {kinds[0]} and {kinds[1]}, only connections between Real are supported"
-    dimensions = _dimensions(package, descriptions[start[0]]) | _dimensions(package, descriptions[end[0]])
-    if connection.converted and not _same_unit(units[0], units[1], dimensions):
-        yield f"{text} joins the units {units[0]!r} and {units[1]!r}, conversions are not supported"
+def connection_conversion(
+    declarations: Mapping[str, InstanceDeclaration], connection: PackageConnection
+) -> Conversion | str:
+    """What the input takes of the output's value: units of measurement first, then the transformation.
 
-
-def _same_unit(one: str, other: str, dimensions: Mapping[str, Any]) -> bool:
-    """Whether names or definitions are equal, or one of them is unknown."""
-    if not one or not other or one == other:
-        return True
-    return one in dimensions and dimensions[one] == dimensions.get(other)
-
-
-def _dimensions(package: Package, description: Any) -> dict[str, tuple[float, ...]]:
-    """Units of the package and of an FMU by name: exponents of SI's base units, factor and offset."""
-    own = {}
-    for unit in description.unitDefinitions or []:
-        if (base := unit.baseUnit) is not None:
-            own[unit.name] = (
-                *(float(getattr(base, k) or 0) for k in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")),
-                float(base.factor),
-                float(base.offset),
-            )
-    return {**own, **package.units}
+    A text is the reason why they cannot be joined.
+    """
+    (start, output), (end, target) = connection.start, connection.end
+    one, other = declarations[start], declarations[end]
+    if output not in one.variables or target not in other.variables:
+        return IDENTITY  # refused as a connector
+    variables = one.variables[output], other.variables[target]
+    given = None if connection.converted else IDENTITY
+    found = joined(*variables, one.dimensions, other.dimensions, given)
+    if isinstance(found, str) or (connection.factor == 1.0 and connection.offset == 0.0):
+        return found
+    if variables[1].type != "Real":
+        return f"has a linear transformation, which {variables[1].type} does not take"
+    return Conversion(
+        factor=found.factor * connection.factor, offset=found.offset * connection.factor + connection.offset
+    )

@@ -168,7 +168,7 @@ size_t run_block(CoupledRun *run, int64_t first, size_t count, const double *ext
             sleep_until(due);
             pace->lateness[k] = pace_clock() - due;
         }
-        const double time = (double)number * run->step;
+        const double time = run->start_time + (double)number * run->step;
         if (run->gauss_seidel ? gauss_seidel(run, time) : jacobi(run, time))
             return k;
     }

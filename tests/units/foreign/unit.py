@@ -58,16 +58,17 @@ class ForeignUnit:
         """modelDescription.xml."""
         outputs = [v for v in self.variables if v.causality == "output"]
         place = {v.name: k for k, v in enumerate(self.variables, 1)}
-        unknowns = []
+        unknowns, initial = [], []
         for v in outputs:
             stated = "" if self.dependencies is None else self.dependencies.get(v.name, [])
             text = "" if self.dependencies is None else f' dependencies="{" ".join(str(place[n]) for n in stated)}"'
             unknowns.append(f'<Unknown index="{place[v.name]}"{text}/>')
+            initial += unknowns[-1:] if v.start is None else []
         units = "".join(f'<Unit name="{n}"><BaseUnit {b}/></Unit>' for n, b in BASES.items())
         items = "".join(f'<Item name="{n}" value="{k}"/>' for k, n in enumerate(ITEMS, 1))
         mode = f'<SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType>'
-        structure = "".join(unknowns)
-        lists = f"<Outputs>{structure}</Outputs><InitialUnknowns>{structure}</InitialUnknowns>" if outputs else ""
+        lists = f"<Outputs>{''.join(unknowns)}</Outputs>" if unknowns else ""
+        lists += f"<InitialUnknowns>{''.join(initial)}</InitialUnknowns>" if initial else ""
         return (
             '<?xml version="1.0" encoding="UTF-8"?>'
             f'<fmiModelDescription fmiVersion="2.0" modelName="{self.name}" guid="{{foreign}}">'
@@ -99,10 +100,11 @@ def _plain(variable: ForeignVariable) -> str:
 
 def _element(v: ForeignVariable) -> str:
     variability = "fixed" if v.causality == "parameter" else "continuous" if v.type == "Real" else "discrete"
+    exact = ' initial="exact"' if v.causality == "output" and v.start is not None else ""
     start = "" if v.start is None else f" start={quoteattr(v.start)}"
     unit = f' unit="{v.unit}"' if v.unit else ""
     declared = ' declaredType="Mode"' if v.type == "Enumeration" else ""
     return (
         f'<ScalarVariable name={quoteattr(v.name)} valueReference="{v.reference}" causality="{v.causality}" '
-        f'variability="{variability}"><{v.type}{declared}{start}{unit} {v.attributes}/></ScalarVariable>'
+        f'variability="{variability}"{exact}><{v.type}{declared}{start}{unit} {v.attributes}/></ScalarVariable>'
     )

@@ -1,0 +1,200 @@
+"""Third-party SSP packages: names, parameter sets and mappings, transformations, times, as SSP 1.0 has them."""
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.observer import Observer
+from flexbeams.scenarios.runs.package import run_package
+from flexbeams.scenarios.validation.package import package_problems
+from tests.scenarios.test_foreign_units import GAIN, KELVIN, RULES, SENSOR
+from tests.units.foreign.unit import ForeignUnit
+
+pytestmark = pytest.mark.native
+
+SSP = "http://ssp-standard.org/SSP1/SystemStructure"
+SPACES = "".join(f' xmlns:{p}="{SSP}{n}"' for p, n in (("ssd", "Description"), ("ssc", "Common"))) + "".join(
+    f' xmlns:{p}="{SSP}{n}"' for p, n in (("ssv", "ParameterValues"), ("ssm", "ParameterMapping"))
+)
+GAINS, SENSORS, KELVINS = (
+    ForeignUnit(variables=GAIN, rules=RULES),
+    ForeignUnit(variables=SENSOR, dependencies={}),
+    ForeignUnit(variables=KELVIN),
+)
+
+
+def parameters(text: str, mapping: str = "") -> str:
+    """Bindings with a set inside."""
+    return (
+        '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" name="p">'
+        f"<ssv:Parameters>{text}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>{mapping}"
+        "</ssd:ParameterBinding></ssd:ParameterBindings>"
+    )
+
+
+def value(name: str, kind: str, text: str, more: str = "") -> str:
+    return f'<ssv:Parameter name="{name}"><ssv:{kind} value="{text}" {more}/></ssv:Parameter>'
+
+
+def entry(source: str, target: str, inside: str = "") -> str:
+    return f'<ssm:MappingEntry source="{source}" target="{target}">{inside}</ssm:MappingEntry>'
+
+
+class Shop:
+    """Packages of third-party units in a folder, and their runs."""
+
+    def __init__(self, folder: Path, build_folder: Path) -> None:
+        self.folder, self.settings, self.notes = folder, Settings(build_folder=build_folder), list[str]()
+
+    def package(
+        self,
+        components: Mapping[str, tuple[ForeignUnit, str]],
+        connections: str = "",
+        start: str = "0",
+        more: str = "",
+        stop: str = "0.05",
+    ) -> Path:
+        """A package of components (unit and bindings) by name."""
+        path = self.folder / "case.ssp"
+        elements = ""
+        wires = f"<ssd:Connections>{connections}</ssd:Connections>" if connections else ""
+        with zipfile.ZipFile(path, "w") as archive:
+            for k, (name, (unit, bindings)) in enumerate(components.items()):
+                archive.write(unit.write(self.folder / "unit.fmu"), f"resources/unit{k}.fmu")
+                connectors = "".join(
+                    f'<ssd:Connector name="{v.name}" kind="{v.causality}"/>'
+                    for v in unit.variables
+                    if v.causality in ("input", "output")
+                )
+                elements += (
+                    f'<ssd:Component name="{name}" type="application/x-fmu-sharedlibrary" '
+                    f'source="resources/unit{k}.fmu">'
+                    f"<ssd:Connectors>{connectors}</ssd:Connectors>{bindings}</ssd:Component>"
+                )
+            archive.writestr(
+                "SystemStructure.ssd",
+                f'<ssd:SystemStructureDescription{SPACES} version="1.0" name="case"><ssd:System name="root">{more}'
+                f"<ssd:Elements>{elements}</ssd:Elements>{wires}</ssd:System>"
+                f'<ssd:DefaultExperiment startTime="{start}" stopTime="{stop}"/></ssd:SystemStructureDescription>',
+            )
+        return path
+
+    def run(self, path: Path) -> Run:
+        self.notes.clear()
+        return run_package(path, self.settings, Observer(notify=self.notes.append))
+
+    def last(self, path: Path) -> dict[str, float]:
+        recording = self.run(path).recording
+        return dict(zip(recording.columns, recording.values[-1].tolist(), strict=True))
+
+
+@pytest.fixture
+def shop(tmp_path: Path, run_folder: Path) -> Shop:
+    return Shop(tmp_path, run_folder / "build/fmus")
+
+
+def connection(start: str, end: str, inside: str = "", more: str = "") -> str:
+    (a, x), (b, y) = start.rsplit(".", 1), end.rsplit(".", 1)
+    ends = f'startElement="{a}" startConnector="{x}" endElement="{b}" endConnector="{y}"'
+    return f"<ssd:Connection {ends} {more}>{inside}</ssd:Connection>"
+
+
+def test_components_may_have_any_names(shop: Shop) -> None:
+    names = ("1st.part-a", "1st", "the gain/../x")
+    path = shop.package(
+        {names[0]: (SENSORS, ""), names[1]: (SENSORS, ""), names[2]: (GAINS, "")},
+        connection(f"{names[0]}.x[1]", f"{names[2]}.u[1]") + connection(f"{names[0]}.count", f"{names[2]}.k"),
+    )
+    values = shop.last(path)
+    assert (values["the gain/../x.y[1]"], values["the gain/../x.n"]) == (1000.0, 14.0)
+    assert "1st.part-a.x[1] to the gain/../x.u[1] is converted from m to mm by the factor 1000" in shop.notes
+    assert package_problems(path) == []
+
+
+def test_parameters_of_each_type_with_blanks_and_ignored_ones(shop: Shop) -> None:
+    own = parameters(
+        value("b", "Boolean", " true ")
+        + value("mode", "Enumeration", "on")
+        + value("label", "String", " two ")
+        + value("k", "Integer", " 4 ")
+        + value("u[1]", "Real", "0.003", 'unit="m"')
+        + value("gain", "Integer", "3")
+        + value("unknown", "Real", "1")
+    )
+    system = parameters(value("g.k", "Integer", "5") + value("h.k", "Integer", "6"))
+    values = shop.last(shop.package({"g": (GAINS, own)}, more=system))
+    assert (values["g.c"], values["g.shown"], values["g.letters"], values["g.n"]) == (0.0, 2.0, 5.0, 10.0)
+    assert (values["g.y[1]"], values["g.seen"]) == (3.0, 3.0)
+    assert [note.split(",")[0] for note in shop.notes] == [
+        "h.k is ignored",
+        "g.u[1] is converted from m to mm",
+        "g.unknown is ignored",
+    ]
+
+
+def test_a_mapping_names_and_transforms_parameters(shop: Shop) -> None:
+    mapping = (
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
+        + entry("a", "u[1]", '<ssc:LinearTransformation factor="2" offset="1"/>')
+        + entry("a", "gain")
+        + entry("missing", "k")
+        + "</ssm:ParameterMapping></ssd:ParameterMapping>"
+    )
+    own = parameters(value("a", "Real", "4") + value("u[2]", "Real", "7"), mapping)
+    values = shop.last(shop.package({"g": (GAINS, own)}))
+    assert (values["g.y[1]"], values["g.y[2]"], values["g.seen"], values["g.n"]) == (9.0, 0.0, 4.0, 2.0)
+
+
+def test_transformations_follow_the_conversion_of_units(shop: Shop) -> None:
+    linear = '<ssc:LinearTransformation factor="2" offset="5"/>'
+    units = {"s": (SENSORS, ""), "g": (GAINS, "")}
+    values = shop.last(shop.package(units, connection("s.x[1]", "g.u[1]", linear)))
+    assert values["g.y[1]"] == 2005.0
+    off = 'suppressUnitConversion=" true "'
+    assert shop.last(shop.package(units, connection("s.x[1]", "g.u[1]", linear, off)))["g.y[1]"] == 7.0
+    assert shop.last(shop.package(units, connection("s.x[1]", "g.u[1]", more=off)))["g.y[1]"] == 1.0
+    with pytest.raises(InputError, match="has a linear transformation, which Integer does not take"):
+        shop.run(shop.package(units, connection("s.count", "g.k", linear)))
+
+
+def test_a_run_begins_at_the_start_time(shop: Shop) -> None:
+    clock = ForeignUnit(variables=[v for v in GAIN if v.name in ("seen", "u[1]")], rules=["clock 5"])
+    run = shop.run(shop.package({"g": (clock, "")}, start="2.0", stop="2.05"))
+    assert run.recording.time.tolist() == [2.0 + k * 0.01 for k in range(6)]
+    assert run.recording.values[:, 0].tolist() == pytest.approx(run.recording.time.tolist(), abs=1e-12)
+    with pytest.raises(InputError, match=r"stop_time must be finite and > 2, the start time, got 1\.0"):
+        shop.run(shop.package({"g": (clock, "")}, start="2.0", stop="1.0"))
+
+
+def test_a_package_that_sets_parameters_is_valid(shop: Shop, capsys: pytest.CaptureFixture[str]) -> None:
+    path = shop.package({"g": (GAINS, parameters(value("gain", "Real", "3")))})
+    assert main(["validate", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [f"{path}: valid", f"{path}: note: g.gain is 3.0 in the parameter set and 2 in its FMU"]
+
+
+REFUSED = {
+    "text": (value("gain", "Real", "3", 'unit="V"'), "has the unit 'V' in the parameter set and"),
+    "item": (value("mode", "Enumeration", "onn"), "must be an item; did you mean 'on'?"),
+    "output": (value("y[1]", "Real", "3"), "is output in its FMU and cannot take a start value"),
+    "type": (value("k", "Boolean", "true"), "is Boolean in the parameter set and Integer in its FMU"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_parameters_that_do_not_fit_are_refused(case: str, shop: Shop) -> None:
+    text, complaint = REFUSED[case]
+    variables = [v for v in GAIN if v.name != "gain"]
+    variables.insert(0, replace(GAIN[0], unit="mm"))
+    path = shop.package({"g": (ForeignUnit(variables=variables, rules=RULES), parameters(text))})
+    with pytest.raises(InputError) as error:
+        shop.run(path)
+    assert complaint in str(error.value)
+    assert len(package_problems(path)) == 1
