@@ -66,8 +66,8 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
 
     Arrays: A, B, H_pi, H_pm, H_w, D_pi, D_pm, D_w (reduced, continuous); A_d, B_d (sampled); estimator_gain
     (m, n_pm), feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m, unreachable (n_pi, n_pi), the part of a target
-    that is refused; input_series (m + 1,), state_series (m, m, n_u); shape_times, shape_values; transition_table,
-    transition_constants (exponent, norm).
+    that is refused; flat_ratios (m,), mode_series (2 l, m), mode_inputs (2 l, n_u), mode_states (m, 2 l) of
+    FlatParameterisation; shape_times, shape_values; transition_table, transition_constants (exponent, norm).
     Raises DesignError where a step has no acceptable result, or where the closed loop is unstable on a full plant.
     """
     try:
@@ -162,20 +162,26 @@ def _reach(statics: Statics, reduced: ReducedModel, options: DesignOptions) -> R
 
 
 def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[str, Array], float]:
-    """The flat parameterisation (34)-(36), the planner's table and the transition (37); the cancellation ratio."""
+    """The flat parameterisation (34)-(36), the planner's table and the transition (37).
+
+    Beside them the cancellation ratio at the transition time, or at the shortest that can be planned.
+    """
     flat = flat_parameterisation(reduced)
     transition = transition_of_order(options.gevrey_order)
     slowest = float(np.min(np.abs(np.linalg.eigvals(reduced.A))))
     shapes = tabulate_input_shapes(flat, transition, slowest)
     arrays = {
-        "input_series": flat.input,
-        "state_series": flat.state,
+        "flat_ratios": flat.ratios,
+        "mode_series": flat.mode_series,
+        "mode_inputs": flat.mode_inputs,
+        "mode_states": flat.mode_states,
         "shape_times": shapes.times,
         "shape_values": shapes.values,
         "transition_table": transition.table,
         "transition_constants": np.array([transition.exponent, transition.norm]),
     }
-    return arrays, cancellation_ratio(flat, transition, options.transition_time)
+    shortest = max(options.transition_time, float(shapes.times[0]))
+    return arrays, cancellation_ratio(flat, transition, shortest)
 
 
 def identify(

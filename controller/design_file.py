@@ -16,7 +16,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.plant.structure import Structure
 from flexbeams.plant.validation import validate
 
-FORMAT = 2
+FORMAT = 3
 _KEYS = {"format", "method", "structure", "options", "summary", "design_id", "checksum"}
 
 

@@ -12,10 +12,12 @@ _NEGLIGIBLE = 600.0  # p^-g - 4^g beyond which theta and its derivatives are neg
 _LOCAL_TERMS = 16  # terms that extrapolate Theta from a node to its neighbourhood to rounding
 
 
-def derivative_scales(degree: int, duration: float) -> Array:
-    """i! / T^i, i = 0 ... degree: factors that turn Taylor coefficients in tau = t/T into derivatives in t."""
-    scales: Array = np.cumprod(np.concatenate([[1.0], np.arange(1, degree + 1) / duration]))
-    return scales
+@dataclass(frozen=True, kw_only=True)
+class TransitionSeries:
+    """Taylor coefficients of Theta in powers of (tau' - tau) / unit: no factor of them leaves the range of doubles."""
+
+    coefficients: Array  # Theta^(i)(tau) unit^i / i!, i = 0 ... order
+    unit: float  # 1, at most tau (1 - tau)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,34 +31,38 @@ class Transition:
     norm: float  # integral of exp(4^g - (tau (1 - tau))^-g) over [0, 1]
     table: Array  # Theta at i / NODES, (NODES + 1,)
 
-    def series(self, tau: float, order: int) -> Array:
-        """Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... order, with respect to tau; shape (order + 1,).
+    def series(self, tau: float, order: int) -> TransitionSeries:
+        """Taylor coefficients of Theta at tau, i = 0 ... order.
 
         Coefficients of p^-g, p = tau (1 - tau), and of exp(-p^-g) follow by the recurrences of J. C. P. Miller
         and of the exponential; theta = Theta' gives all except the first, which is the nearest table value
-        extrapolated by the same series.
+        extrapolated by the same series. Near the ends, where p^-g is large, the unit shrinks so that the recurrences
+        grow no faster than exp(order).
         """
         terms = max(order, _LOCAL_TERMS)
         coefficients = np.zeros(terms + 1)
         coefficients[0] = 0.0 if tau < 0.5 else 1.0
         g, p0, p1 = self.exponent, tau * (1 - tau), 1 - 2 * tau
         if p0 <= (4**g + _NEGLIGIBLE) ** (-1 / g):
-            return coefficients[: order + 1]
-        power = [p0**-g, -g * p1 * p0 ** (-g - 1)]
+            return TransitionSeries(coefficients=coefficients[: order + 1], unit=1.0)
+        first = p0**-g
+        shrink = min(1.0, terms / (g * first))
+        down, across, unit = p1 * shrink, p0 * shrink**2, p0 * shrink
+        power = [first, -g * down * first]
         for k in range(2, terms):
-            power.append((-(g + k - 1) * p1 * power[-1] + (2 * g + k - 2) * power[-2]) / (k * p0))
+            power.append((-(g + k - 1) * down * power[-1] + (2 * g + k - 2) * across * power[-2]) / k)
         # -k power[k], backwards, so that each step of the exponential's recurrence is one product
         slope = -np.arange(terms - 1, 0, -1) * np.array(power[terms - 1 : 0 : -1])
         theta = np.zeros(terms)
-        theta[0] = np.exp(4**g - power[0]) / self.norm
+        theta[0] = np.exp(4**g - first) / self.norm
         for k in range(1, terms):
             theta[k] = (slope[terms - 1 - k :] @ theta[:k]) / k
         index = np.arange(1, terms + 1)
-        coefficients[1:] = theta / index
+        coefficients[1:] = unit * theta / index
         node = round(tau * NODES)
-        back = node / NODES - tau
+        back = (node / NODES - tau) / unit
         coefficients[0] = self.table[node] - coefficients[1:] @ back**index
-        return coefficients[: order + 1]
+        return TransitionSeries(coefficients=coefficients[: order + 1], unit=unit)
 
 
 def transition_of_order(gevrey_order: float) -> Transition:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexbeams.controller.flat_output import FlatParameterisation
 from flexbeams.controller.planner import OFF_REACH, InputShapes, PendingTransitions, plan_transition
-from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.controller.transition import Transition
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
 
@@ -14,15 +15,15 @@ ROUNDING = 1e-12  # m: a host that interpolates a constant target moves it by le
 
 
 class FlatnessFeedforward(Unit):
-    """u = sum_i c_i xi^(i), x = sum_i X_i xi^(i) with xi = offset + sum_k changes_k Theta((t - starts_k)/T_k)."""
+    """Voltages and states from the flat output xi = offset + sum_k changes_k Theta((t - starts_k)/T_k)."""
 
     def setup(self) -> None:
         """Views, tables and the slots of the transitions under way."""
         self._target, self._moving = self.view("y_target"), self.view("moving")
         self._u, self._x, self._y = self.view("u_ff"), self.view("x_ref"), self.view("y_ref")
         data = self.data
-        self._n_u, self._degree = len(self._u), len(data["input_series"]) - 1
-        self._state_series = data["state_series"].reshape(len(self._x), -1)
+        self._n_u = len(self._u)
+        self._flat = FlatParameterisation.of(data)
         exponent, norm = data["transition_constants"]
         self._transition = Transition(exponent=float(exponent), norm=float(norm), table=data["transition_table"])
         self._shapes = InputShapes(times=data["shape_times"], values=data["shape_values"])
@@ -124,15 +125,14 @@ class FlatnessFeedforward(Unit):
 
     def _evaluate(self, time: float) -> None:
         self._retire(time)
-        series = np.zeros((self._degree + 1, self._n_u))
-        series[0] = self._offset
+        voltages, amplitudes = self._offset.copy(), self._flat.complex_inputs @ self._offset
         for k in range(int(self._count[0])):
-            duration = float(self._durations[k])
+            duration, change = float(self._durations[k]), self._changes[k]
             tau = min(max((time - self._starts[k]) / duration, 0.0), 1.0)
-            derivatives = self._transition.series(tau, self._degree) * derivative_scales(self._degree, duration)
-            series += derivatives[:, None] * self._changes[k]
-        self._u[:] = self.data["input_series"] @ series
-        self._x[:] = self._state_series @ series[:-1].ravel()
+            terms = self._flat.terms(self._transition, tau, duration)
+            voltages += np.sum(terms) * change
+            amplitudes += self._flat.amplitudes(terms, change)
+        self._u[:], self._x[:] = voltages, self._flat.state(amplitudes)
         self._y[:] = self.data["reference_outputs"] @ np.concatenate((self._x, self._u))
         self._moving[0] = self._count[0] > 0
         self._at_rest = not self._moving[0]

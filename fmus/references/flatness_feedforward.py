@@ -6,8 +6,9 @@ The series of Theta and the planner are those of the Python kernel.
 import numpy as np
 
 from flexbeams.controller.design import Design
+from flexbeams.controller.flat_output import FlatParameterisation
 from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
-from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.controller.transition import Transition
 from flexbeams.fmus.references.experiments import Experiment, Series, jumps, names_of
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
@@ -110,16 +111,15 @@ def feedforward_plan(design: Design, starts: list[float], targets: Array, reques
 def feedforward_outputs(design: Design, motion: PendingTransitions, begun: int, time: float) -> Array:
     """u_ff, x_ref, y_ref and moving (0 or 1) at `time` (s), of the first `begun` transitions, (n_u + m + n_pi + 1,)."""
     arrays = design.arrays
-    degree = len(arrays["input_series"]) - 1
     exponent, norm = arrays["transition_constants"].tolist()
     theta = Transition(exponent=exponent, norm=norm, table=arrays["transition_table"])
-    xi = np.zeros((degree + 1, len(motion.offset)))
+    flat = FlatParameterisation.of(arrays)
+    u, x = np.zeros(len(motion.offset)), np.zeros(len(arrays["A"]))
     for start, duration, change in zip(
         motion.starts[:begun], motion.durations[:begun], motion.changes[:begun], strict=True
     ):
-        tau = min(max((time - start) / duration, 0.0), 1.0)
-        xi += np.outer(theta.series(tau, degree) * derivative_scales(degree, duration), change)
-    u = arrays["input_series"] @ xi
-    x = np.einsum("aij,ij->a", arrays["state_series"], xi[:-1])
+        terms = flat.terms(theta, min(max((time - start) / duration, 0.0), 1.0), duration)
+        u += np.sum(terms) * change
+        x += flat.state(flat.amplitudes(terms, change))
     moving = bool(np.any(time < motion.starts[:begun] + motion.durations[:begun]))
     return np.concatenate([u, x, arrays["H_pi"] @ x + arrays["D_pi"] @ u, [moving]])

@@ -22,7 +22,7 @@ from flexbeams.fmus.units.native_kernel import (
 )
 from flexbeams.plant.galerkin import BeamModel
 
-SLOTS = header_constant(NATIVE / "units" / "planner.h", "SLOTS")  # transitions in progress at once
+SLOTS = header_constant(NATIVE / "units" / "flat_output.h", "SLOTS")  # transitions in progress at once
 
 
 def declare(design: Design, model: BeamModel) -> Interface:
@@ -126,8 +126,10 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
     names = (
         "static_inverse",
         "unreachable",
-        "input_series",
-        "state_series",
+        "flat_ratios",
+        "mode_series",
+        "mode_inputs",
+        "mode_states",
         "shape_times",
         "shape_values",
         "transition_table",
@@ -145,12 +147,9 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
 def native_data(interface: Interface, data: UnitData) -> Fields:
     """The fields of FlatnessFeedforwardData."""
     arrays = data.arrays
-    curves, (voltages, points) = arrays["shape_values"], arrays["static_inverse"].shape
+    curves = arrays["shape_values"]
     return {
-        "voltages": voltages,
-        "states": len(arrays["state_series"]),
-        "points": points,
-        "degree": len(arrays["input_series"]) - 1,
+        "points": arrays["static_inverse"].shape[1],
         "durations": len(curves),
         "intervals": curves.shape[1] - 1,
         **first_references(
@@ -167,18 +166,42 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
             "voltage_limit",
             "preview",
         ),
-        **_native_series(data),
+        "flat": _native_flat_output(data),
+        **_native_outputs(data),
         **_native_curves(data),
     }
 
 
-def _native_series(data: UnitData) -> Fields:
-    """Theta, and the series that give voltages and states."""
-    arrays, inverse = data.arrays, data.arrays["static_inverse"]
-    (voltages, points), states = inverse.shape, len(arrays["state_series"])
-    degree, nodes = len(arrays["input_series"]) - 1, len(arrays["transition_table"]) - 1
+def _native_flat_output(data: UnitData) -> Fields:
+    """The fields of FlatOutput: what gives voltages and states, and Theta."""
+    arrays = data.arrays
+    (states, width), (_, voltages) = arrays["mode_states"].shape, arrays["mode_inputs"].shape
+    degree, nodes = len(arrays["flat_ratios"]), len(arrays["transition_table"]) - 1
     exponent, norm = arrays["transition_constants"].tolist()
     return {
+        "voltages": voltages,
+        "states": states,
+        "degree": degree,
+        "modes": width // 2,
+        "ratios": Table(
+            values=arrays["flat_ratios"],
+            comment=f"(i + 1) c_(i+1) / c_i of u = sum_i c_i xi^(i) (31), c_0 = 1, ({degree},), s",
+        ),
+        "mode_series": Table(
+            values=arrays["mode_series"],
+            comment=f"D_l,i / c_i of each mode (34), real before imaginary parts, ({width}, {degree}), 1",
+            in_panels=True,
+        ),
+        "mode_inputs": Table(
+            values=arrays["mode_inputs"],
+            comment=f"amplitudes of the modes for voltages at rest, likewise, ({width}, {voltages}), 1/V",
+            in_panels=True,
+        ),
+        "mode_states": Table(
+            values=arrays["mode_states"],
+            comment=f"x_ref for amplitudes of the modes, likewise, ({states}, {width}), 1",
+            in_panels=True,
+        ),
         "transition": {
             "exponent": exponent,
             "norm": norm,
@@ -188,15 +211,14 @@ def _native_series(data: UnitData) -> Fields:
                 comment=f"Theta(i / {nodes}) of (37), i = 0 ... {nodes}, ({nodes + 1},), 1",
             ),
         },
-        "input_series": Table(
-            values=arrays["input_series"],
-            comment=f"c_i of u = sum_i c_i xi^(i) (31), i = 0 ... {degree}, ({degree + 1},), s^i",
-        ),
-        "state_series": Table(
-            values=arrays["state_series"].reshape(states, -1),
-            comment=f"X_i of x_ref = sum_i X_i xi^(i), side by side, ({states}, {degree} x {voltages}), s^i/V",
-            in_panels=True,
-        ),
+    }
+
+
+def _native_outputs(data: UnitData) -> Fields:
+    """The voltages of a target at rest, and the reference outputs."""
+    arrays, inverse = data.arrays, data.arrays["static_inverse"]
+    (voltages, points), states = inverse.shape, len(arrays["mode_states"])
+    return {
         "static_inverse": Table(
             values=inverse,
             comment=f"G_0^+, from deflections to voltages at rest, ({voltages}, {points}), V/m",
@@ -245,6 +267,7 @@ FLATNESS_FEEDFORWARD = UnitKind(
 The reduced model is flat, equations (31) to (38) of the paper: voltages and states follow from derivatives of the flat
 output ξ.
 = u_ff = sum_i c_i ξ^{(i)} ; x_ref = sum_i X_i ξ^{(i)} ; y_ref = H_pi x_ref + D_pi u_ff
+The states are summed over the modes of the reduced model, whose amplitudes have a series each.
 A changed target starts a transition; transitions add, so that a new one may start while others are under way:
 = ξ(t) = ξ_0 + sum_k Δξ_k Θ((t−t_k) / T_k)
 = Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})

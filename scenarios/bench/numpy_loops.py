@@ -3,7 +3,8 @@
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.controller.flat_output import FlatParameterisation
+from flexbeams.controller.transition import Transition
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence
 
@@ -16,7 +17,7 @@ class NumpyLoops:
         a = design.arrays
         exponent, norm = a["transition_constants"]
         self._theta = Transition(exponent=float(exponent), norm=float(norm), table=a["transition_table"])
-        self._input_series, self._state_series = a["input_series"], a["state_series"].reshape(len(a["A"]), -1)
+        self._flat = FlatParameterisation.of(a)
         voltages = len(a["feedback_gain"])
         self.x, self.y = np.zeros(len(matrices.transition)), np.zeros(len(matrices.outputs))
         self.x_est, self.u, self.integral = np.zeros(len(a["A"])), np.zeros(voltages), np.zeros(voltages)
@@ -51,14 +52,13 @@ class NumpyLoops:
         while self._ended < self._begun and time >= self._end(self._ended):
             self.offset = self.offset + transitions.changes[self._ended]
             self._ended += 1
-        xi = np.zeros((len(self._input_series), len(self.u_ff)))
-        xi[0] = self.offset
+        flat, self.u_ff, amplitudes = self._flat, self.offset.copy(), self._flat.complex_inputs @ self.offset
         for k in range(self._ended, self._begun):
-            duration = float(transitions.durations[k])
-            series = self._theta.series((time - transitions.begins[k] * self._step) / duration, len(xi) - 1)
-            xi += (series * derivative_scales(len(xi) - 1, duration))[:, None] * transitions.changes[k]
-        self.u_ff = self._input_series @ xi
-        self.x_ref = self._state_series @ xi[:-1].ravel()
+            duration, change = float(transitions.durations[k]), transitions.changes[k]
+            terms = flat.terms(self._theta, (time - transitions.begins[k] * self._step) / duration, duration)
+            self.u_ff += np.sum(terms) * change
+            amplitudes += flat.amplitudes(terms, change)
+        self.x_ref = flat.state(amplitudes)
         self.y_ref = self._m.estimates @ np.concatenate((self.x_ref, self.u_ff))
 
     def _end(self, k: int) -> float:

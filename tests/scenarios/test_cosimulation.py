@@ -17,6 +17,7 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.helpers import STRUCTURES, Workshop, design_of
+from tests.oracles.flat_series import flat_series
 from tests.oracles.gevrey import taylor_coefficients_at
 from tests.oracles.monolithic import Coupling, Real, largest_difference, simulate
 
@@ -251,7 +252,8 @@ def test_new_targets_make_no_jump(at_run_folder: Path, write_scenario: Write) ->
     u, time = arrays(run)["feedforward.u_ff"], run.recording.time
     expected = recursion("retarget", "jacobi")
     design = design_of()
-    c, inverse = design.arrays["input_series"], design.arrays["static_inverse"]
+    c, _ = flat_series(design.arrays["A"], design.arrays["B"])
+    inverse = design.arrays["static_inverse"]
     m = len(c) - 1
     goals = np.array([np.zeros(4), *(inverse @ np.array(y) for _, y in CASES["retarget"].options["targets"])])
     fine = np.linspace(time[0], time[-1], 2 * (len(time) - 1) + 1) + SAMPLE  # ahead by the preview

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from flexbeams.controller.design import Design, compute_design
-from flexbeams.controller.flatness import transition_series
 from flexbeams.controller.options import DesignOptions
-from flexbeams.controller.transition import Transition, derivative_scales
+from flexbeams.controller.transition import Transition
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import discretise, energy_form
@@ -16,6 +15,7 @@ from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.measures import decay_time, motion_settling_time
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.examples import five_beams, single_beam
+from tests.oracles.flat_series import derivatives, flat_series
 from tests.oracles.monolithic import Coupling, feedforward, largest_difference, plant_matrices, simulate
 
 pytestmark = pytest.mark.native
@@ -99,13 +99,11 @@ def test_feedforward_agrees_with_the_series(preview: float) -> None:
     for at, y in targets:
         offset = arrays["static_inverse"] @ np.array(y)
         tau = np.where(rows * SAMPLE > at + 1e-9, (rows * SAMPLE + preview - at) / 0.9, 0.0)
-        series = transition_series(transition, 30, np.clip(tau, 0, 1)) * derivative_scales(30, 0.9)
+        series = derivatives(transition, np.clip(tau, 0, 1), 30, 0.9)
         xi += series[:, :, None] * (offset - before)
         before = offset
-    u_ff, x_ref = (
-        np.einsum("i,kij->kj", arrays["input_series"], xi),
-        np.einsum("aij,kij->ka", arrays["state_series"], xi[:, :-1]),
-    )
+    c, X = flat_series(arrays["A"], arrays["B"])
+    u_ff, x_ref = np.einsum("i,kij->kj", c, xi), np.einsum("aij,kij->ka", X, xi[:, :-1])
     assert largest_difference(found.u_ff[rows], u_ff) < 1e-12
     assert largest_difference(found.x_ref[rows], x_ref) < 1e-12
     assert largest_difference(found.y_ref[rows], x_ref @ arrays["H_pi"].T + u_ff @ arrays["D_pi"].T) < 1e-12

@@ -1,5 +1,4 @@
-/* FlatnessFeedforward: u = sum_i c_i xi^(i), x = sum_i X_i xi^(i) (31)-(38), with the flat output
-   xi = offset + sum_k changes_k Theta((t - starts_k) / durations_k). */
+/* FlatnessFeedforward: voltages and states from a flat output (31)-(38) that moves by superposed transitions. */
 
 #include "flatness_feedforward.h"
 
@@ -17,7 +16,7 @@
 static size_t flatness_feedforward_state_size(const void *data)
 {
     const FlatnessFeedforwardData *const feedforward = data;
-    return 1 + feedforward->points + feedforward->voltages + SLOTS * (2 + feedforward->voltages);
+    return 1 + feedforward->points + feedforward->flat.voltages + SLOTS * (2 + feedforward->flat.voltages);
 }
 
 static double *handled_target(const UnitInstance *unit)
@@ -29,7 +28,7 @@ static Motion motion_of(const UnitInstance *unit)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
     double *const offset = handled_target(unit) + feedforward->points;
-    double *const starts = offset + feedforward->voltages;
+    double *const starts = offset + feedforward->flat.voltages;
     double *const durations = starts + SLOTS;
     return (Motion){.count = (size_t)unit->state[0],
                     .offset = offset,
@@ -38,21 +37,13 @@ static Motion motion_of(const UnitInstance *unit)
                     .changes = durations + SLOTS};
 }
 
-/* Workspace: derivatives of the flat output (degree + 1, voltages), of one transition (terms + 1,) and scratch. */
-static double *feedforward_scratch(const UnitInstance *unit)
-{
-    const FlatnessFeedforwardData *const feedforward = unit->data;
-    const size_t degree = feedforward->degree;
-    return unit->workspace + (degree + 1) * feedforward->voltages + transition_terms(degree) + 1;
-}
-
+/* Workspace: of the flat output's evaluation; or the outputs' arguments; or a change and scratch of the planner. */
 static size_t flatness_feedforward_workspace_size(const void *data)
 {
     const FlatnessFeedforwardData *const feedforward = data;
-    const size_t degree = feedforward->degree;
-    const size_t terms = transition_terms(degree);
-    const size_t outputs = feedforward->states + 3 * feedforward->voltages;
-    return (degree + 1) * feedforward->voltages + terms + 1 + (outputs > 2 * terms ? outputs : 2 * terms);
+    const size_t evaluation = flat_output_scratch(&feedforward->flat);
+    const size_t others = feedforward->flat.states + 4 * feedforward->flat.voltages;
+    return evaluation > others ? evaluation : others;
 }
 
 /* Transitions that have ended go into the offset; the others move up, in their order. Returns how many are left. */
@@ -61,7 +52,7 @@ static size_t retire_transitions(UnitInstance *unit, double time)
     const double reached = time + clock_tolerance(unit, time, unit->step_size);
     const FlatnessFeedforwardData *const feedforward = unit->data;
     const Motion motion = motion_of(unit);
-    const size_t voltages = feedforward->voltages;
+    const size_t voltages = feedforward->flat.voltages;
     size_t left = 0;
     for (size_t k = 0; k < motion.count; k++) {
         const double *const change = motion.changes + k * voltages;
@@ -79,50 +70,18 @@ static size_t retire_transitions(UnitInstance *unit, double time)
     return left;
 }
 
-/* Derivatives of the flat output at `time`, (degree + 1, voltages) in the workspace. */
-static void differentiate_flat_output(UnitInstance *unit, double time)
-{
-    const FlatnessFeedforwardData *const feedforward = unit->data;
-    const Motion motion = motion_of(unit);
-    const size_t voltages = feedforward->voltages;
-    const size_t degree = feedforward->degree;
-    double *const xi = unit->workspace;
-    double *const theta = xi + (degree + 1) * voltages;
-    memset(xi, 0, (degree + 1) * voltages * sizeof *xi);
-    memcpy(xi, motion.offset, voltages * sizeof *xi);
-    for (size_t k = 0; k < motion.count; k++) {
-        const double tau = fmin(fmax((time - motion.starts[k]) / motion.durations[k], 0.0), 1.0);
-        transition_series(&feedforward->transition, tau, degree, theta, feedforward_scratch(unit));
-        double scale = 1.0; /* i! / T^i */
-        for (size_t i = 0; i <= degree; i++) {
-            const double derivative = theta[i] * scale;
-            for (size_t j = 0; j < voltages; j++)
-                xi[i * voltages + j] += derivative * motion.changes[k * voltages + j];
-            scale *= (double)(i + 1) / motion.durations[k];
-        }
-    }
-}
-
 /* Voltages, reference states and outputs at `time`. */
 static void write_references(UnitInstance *unit, double time)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
-    const size_t voltages = feedforward->voltages;
-    const size_t states = feedforward->states;
-    const size_t degree = feedforward->degree;
+    const size_t voltages = feedforward->flat.voltages;
+    const size_t states = feedforward->flat.states;
     const bool moving = retire_transitions(unit, time) > 0;
-    differentiate_flat_output(unit, time);
-    const double *const xi = unit->workspace;
+    const Motion motion = motion_of(unit);
     double *const u = unit->values + feedforward->u_ff;
     double *const x = unit->values + feedforward->x_ref;
-    for (size_t j = 0; j < voltages; j++) {
-        double sum = 0.0;
-        for (size_t i = 0; i <= degree; i++)
-            sum += feedforward->input_series[i] * xi[i * voltages + j];
-        u[j] = sum;
-    }
-    multiply_panels(states, degree * voltages, feedforward->state_series, xi, false, x);
-    double *const state_and_input = feedforward_scratch(unit);
+    evaluate_flat_output(&feedforward->flat, &motion, time, u, x, unit->workspace);
+    double *const state_and_input = unit->workspace;
     memcpy(state_and_input, x, states * sizeof *x);
     memcpy(state_and_input + states, u, voltages * sizeof *u);
     multiply_panels(feedforward->points, states + voltages, feedforward->reference_outputs, state_and_input, false,
@@ -174,7 +133,7 @@ static void start_transition(UnitInstance *unit, double time)
         return;
     }
     const Motion motion = motion_of(unit);
-    const size_t voltages = feedforward->voltages;
+    const size_t voltages = feedforward->flat.voltages;
     double *const change = unit->workspace;
     multiply_panels(voltages, feedforward->points, feedforward->static_inverse, target, false, change);
     for (size_t j = 0; j < voltages; j++) {
@@ -185,8 +144,7 @@ static void start_transition(UnitInstance *unit, double time)
     }
     const double shortest = values[feedforward->transition_time];
     const double limit = values[feedforward->voltage_limit];
-    const TransitionPlan plan =
-        plan_transition(feedforward, &motion, time, change, shortest, limit, feedforward_scratch(unit));
+    const TransitionPlan plan = plan_transition(feedforward, &motion, time, change, shortest, limit, change + voltages);
     memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     const bool refused = !(plan.duration > 0.0);
     values[feedforward->target_refused] = refused;
@@ -222,9 +180,10 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
     memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     double *const offset = motion_of(unit).offset;
     const double limit = values[feedforward->voltage_limit];
-    multiply_panels(feedforward->voltages, feedforward->points, feedforward->static_inverse, target, false, offset);
+    multiply_panels(feedforward->flat.voltages, feedforward->points, feedforward->static_inverse, target, false,
+                    offset);
     double peak = 0.0;
-    for (size_t j = 0; j < feedforward->voltages; j++)
+    for (size_t j = 0; j < feedforward->flat.voltages; j++)
         peak = fmax(peak, fabs(offset[j]));
     if (peak > limit)
         return unit_refuse(unit, "y_target is out of reach: it takes %.1f V at rest, voltage_limit is %.1f V", peak,

@@ -3,14 +3,11 @@
 #ifndef FLATNESS_FEEDFORWARD_H
 #define FLATNESS_FEEDFORWARD_H
 
-#include "transition.h"
+#include "flat_output.h"
 #include "unit.h"
 
 typedef struct {
-    size_t voltages;
-    size_t states;
     size_t points;
-    size_t degree;    /* highest derivative of the flat output */
     size_t durations; /* of the tabulated voltage curves */
     size_t intervals; /* of a voltage curve */
     /* value references, of an array its first */
@@ -25,9 +22,7 @@ typedef struct {
     unsigned transition_time;
     unsigned voltage_limit;
     unsigned preview;
-    Transition transition;
-    const double *input_series;      /* (degree + 1,): u = sum_i c_i xi^(i) */
-    const double *state_series;      /* panels (states, degree * voltages): x = sum_i X_i xi^(i) */
+    FlatOutput flat;
     const double *static_inverse;    /* panels (voltages, points), V/m */
     const double *unreachable;       /* (points, points): part of a target that is refused */
     const double *reference_outputs; /* panels (points, states + voltages): [H_pi, D_pi] */

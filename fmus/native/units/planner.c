@@ -45,12 +45,12 @@ static double curve_at(const FlatnessFeedforwardData *data, VoltageCurve *curve,
 static void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, double time,
                         double *u)
 {
-    memcpy(u, motion->offset, data->voltages * sizeof *u);
+    memcpy(u, motion->offset, data->flat.voltages * sizeof *u);
     for (size_t k = 0; k < motion->count; k++) {
         const double tau = (time - motion->starts[k]) / motion->durations[k];
         const double height = curve_at(data, &curves[k], fmin(fmax(tau, 0.0), 1.0));
-        for (size_t j = 0; j < data->voltages; j++)
-            u[j] += height * motion->changes[k * data->voltages + j];
+        for (size_t j = 0; j < data->flat.voltages; j++)
+            u[j] += height * motion->changes[k * data->flat.voltages + j];
     }
 }
 
@@ -65,7 +65,7 @@ static double parabola_peak(double before, double here, double after)
 /* Largest planned |u| after `now`, between the times at which each transition is sampled too. `u` (3, voltages). */
 static double motion_peak(const FlatnessFeedforwardData *data, const Motion *motion, double now, double *u)
 {
-    const size_t voltages = data->voltages;
+    const size_t voltages = data->flat.voltages;
     const size_t last = motion->count - 1;
     VoltageCurve curves[SLOTS];
     for (size_t k = 0; k <= last; k++)
@@ -106,7 +106,7 @@ static double present_peak(const FlatnessFeedforwardData *data, const Motion *mo
         curves[k] = curve_of(data, motion->durations[k]);
     voltages_at(data, motion, curves, now, u);
     double peak = 0.0;
-    for (size_t j = 0; j < data->voltages; j++)
+    for (size_t j = 0; j < data->flat.voltages; j++)
         peak = fmax(peak, fabs(u[j]));
     return peak;
 }
@@ -115,10 +115,10 @@ static double present_peak(const FlatnessFeedforwardData *data, const Motion *mo
 static double peak_at_rest(const FlatnessFeedforwardData *data, const Motion *motion, const double *change)
 {
     double peak = 0.0;
-    for (size_t j = 0; j < data->voltages; j++) {
+    for (size_t j = 0; j < data->flat.voltages; j++) {
         double goal = motion->offset[j] + change[j];
         for (size_t k = 0; k < motion->count; k++)
-            goal += motion->changes[k * data->voltages + j];
+            goal += motion->changes[k * data->flat.voltages + j];
         peak = fmax(peak, fabs(goal));
     }
     return peak;
@@ -138,7 +138,7 @@ TransitionPlan plan_transition(const FlatnessFeedforwardData *data, const Motion
     Motion extended = *motion;
     extended.count++;
     extended.starts[slot] = now;
-    memcpy(extended.changes + slot * data->voltages, change, data->voltages * sizeof *change);
+    memcpy(extended.changes + slot * data->flat.voltages, change, data->flat.voltages * sizeof *change);
     double longest = fmax(durations[data->durations - 1], shortest);
     for (size_t k = 0; k < slot; k++)
         longest = fmax(longest, extended.durations[k]);

@@ -5,18 +5,6 @@
 
 #include "flatness_feedforward.h"
 
-#define SLOTS 8 /* transitions under way at once */
-
-/* Transitions under way: u_j(t) = offset_j + sum_k changes_kj curve((t - starts_k) / durations_k), V and s.
-   There is room for one more behind the last. */
-typedef struct {
-    size_t count;
-    double *offset;    /* (voltages,) */
-    double *starts;    /* (SLOTS,) */
-    double *durations; /* (SLOTS,) */
-    double *changes;   /* (SLOTS, voltages) */
-} Motion;
-
 /* How a target is reached: duration 0 means that it is refused. */
 typedef struct {
     double duration;     /* s */

@@ -25,8 +25,9 @@ static double convolution(size_t i, const double *first, const double *second)
 
 /* The coefficients of p^-g, p = tau (1 - tau), and of exp(-p^-g) follow by the recurrences of J. C. P. Miller and of
    the exponential; theta = Theta' gives all but the first. That one is the table's nearest value carried here by the
-   same series. */
-void transition_series(const Transition *transition, double tau, size_t degree, double *coefficients, double *scratch)
+   same series. Near the ends, where p^-g is large, the unit shrinks so that the recurrences grow no faster than
+   exp(degree). */
+double transition_series(const Transition *transition, double tau, size_t degree, double *coefficients, double *scratch)
 {
     const size_t terms = transition_terms(degree);
     memset(coefficients, 0, (terms + 1) * sizeof *coefficients);
@@ -39,13 +40,16 @@ void transition_series(const Transition *transition, double tau, size_t degree, 
     double *const theta = scratch + terms;
     power[0] = pow(p0, -g);
     if (!(power[0] < peak + NEGLIGIBLE))
-        return;
+        return 1.0;
 
-    power[1] = -g * p1 * power[0] / p0;
+    const double shrink = fmin(1.0, (double)terms / (g * power[0]));
+    const double unit = p0 * shrink;
+    const double down = p1 * shrink;
+    const double across = unit * shrink;
+    power[1] = -g * down * power[0];
     for (size_t i = 2; i < terms; i++) {
         const double k = (double)i;
-        const double weight = 1 / (k * p0);
-        power[i] = (-(g + k - 1) * p1 * power[i - 1] + (2 * g + k - 2) * power[i - 2]) * weight;
+        power[i] = (-(g + k - 1) * down * power[i - 1] + (2 * g + k - 2) * across * power[i - 2]) / k;
     }
     theta[0] = exp(peak - power[0]) / transition->norm;
     for (size_t i = 1; i < terms; i++)
@@ -55,11 +59,12 @@ void transition_series(const Transition *transition, double tau, size_t degree, 
 
     const double nodes = (double)transition->nodes;
     const double node = nearbyint(tau * nodes);
-    const double offset = node / nodes - tau;
+    const double offset = (node / nodes - tau) / unit;
     double carried = 0.0;
     for (size_t i = terms; i > 0; i--) {
-        coefficients[i] = theta[i - 1] / (double)i;
+        coefficients[i] = unit * theta[i - 1] / (double)i;
         carried = (carried + coefficients[i]) * offset;
     }
     coefficients[0] = transition->table[(size_t)node] - carried;
+    return unit;
 }

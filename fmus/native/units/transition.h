@@ -19,9 +19,10 @@ typedef struct {
 /* Highest power of the series that gives the coefficients up to `degree`. */
 INTERNAL size_t transition_terms(size_t degree);
 
-/* Taylor coefficients Theta^(i)(tau) / i!, i = 0 ... degree, at tau within [0, 1]. With terms =
-   transition_terms(degree) `coefficients` has room for terms + 1, `scratch` for 2 terms. */
-INTERNAL void transition_series(const Transition *transition, double tau, size_t degree, double *coefficients,
-                                double *scratch);
+/* Taylor coefficients Theta^(i)(tau) unit^i / i!, i = 0 ... degree, at tau within [0, 1]; returns the unit, at most
+   tau (1 - tau), which keeps them within the range of doubles. With terms = transition_terms(degree) `coefficients`
+   has room for terms + 1, `scratch` for 2 terms. */
+INTERNAL double transition_series(const Transition *transition, double tau, size_t degree, double *coefficients,
+                                  double *scratch);
 
 #endif

@@ -70,34 +70,19 @@ void bare_controller_loop(BareController *c, size_t count, const double *rows)
 /* u_ff, x_ref and y_ref at `time`, of the transitions begun and not ended. */
 static void evaluate_bare_feedforward(BareFeedforward *f, double time)
 {
-    const size_t voltages = tables->voltages;
-    const size_t states = tables->states;
-    const size_t degree = tables->degree;
-    double *const xi = f->scratch;
-    double *const theta = xi + (degree + 1) * voltages;
-    double *const series = theta + transition_terms(degree) + 1;
-    double *const state_and_input = series + 2 * transition_terms(degree);
+    const FlatOutput *const flat = &tables->flat;
+    const size_t voltages = flat->voltages;
+    const size_t states = flat->states;
+    double *const state_and_input = f->scratch;
     for (; f->ended < f->begun && time >= f->starts[f->ended] + f->durations[f->ended]; f->ended++)
         for (size_t j = 0; j < voltages; j++)
             f->offset[j] += f->changes[f->ended * voltages + j];
-    memset(xi, 0, (degree + 1) * voltages * sizeof *xi);
-    memcpy(xi, f->offset, voltages * sizeof *xi);
-    for (size_t k = f->ended; k < f->begun; k++) {
-        transition_series(&tables->transition, (time - f->starts[k]) / f->durations[k], degree, theta, series);
-        double scale = 1.0; /* i! / T^i */
-        for (size_t i = 0; i <= degree; i++) {
-            for (size_t j = 0; j < voltages; j++)
-                xi[i * voltages + j] += theta[i] * scale * f->changes[k * voltages + j];
-            scale *= (double)(i + 1) / f->durations[k];
-        }
-    }
-    for (size_t j = 0; j < voltages; j++) {
-        double sum = 0.0;
-        for (size_t i = 0; i <= degree; i++)
-            sum += tables->input_series[i] * xi[i * voltages + j];
-        f->u_ff[j] = sum;
-    }
-    multiply_panels(states, degree * voltages, tables->state_series, xi, false, f->x_ref);
+    const Motion motion = {.count = f->begun - f->ended,
+                           .offset = f->offset,
+                           .starts = f->starts + f->ended,
+                           .durations = f->durations + f->ended,
+                           .changes = f->changes + f->ended * voltages};
+    evaluate_flat_output(flat, &motion, time, f->u_ff, f->x_ref, f->scratch);
     memcpy(state_and_input, f->x_ref, states * sizeof *state_and_input);
     memcpy(state_and_input + states, f->u_ff, voltages * sizeof *state_and_input);
     multiply_panels(tables->points, states + voltages, tables->reference_outputs, state_and_input, false, f->y_ref);
@@ -120,9 +105,9 @@ void bare_feedforward_loop(BareFeedforward *f, int64_t first, size_t count, doub
 
 size_t bare_feedforward_scratch(void)
 {
-    const size_t degree = tables->degree;
-    const size_t terms = transition_terms(degree);
-    return (degree + 1) * tables->voltages + 3 * terms + 1 + tables->states + tables->voltages;
+    const size_t evaluation = flat_output_scratch(&tables->flat);
+    const size_t arguments = tables->flat.states + tables->flat.voltages;
+    return evaluation > arguments ? evaluation : arguments;
 }
 
 /* Jacobi: all take the values at the start of the step. */

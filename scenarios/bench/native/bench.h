@@ -43,11 +43,11 @@ typedef struct {
 /* Transitions known from the start, in the order in which they begin and end. */
 typedef struct {
     size_t count;
-    const int64_t *begins;   /* (count,) number of the step that each begins with */
-    const double *starts;    /* (count,), s */
-    const double *durations; /* (count,), s */
-    const double *changes;   /* (count, voltages) */
-    double preview;          /* s */
+    const int64_t *begins; /* (count,) number of the step that each begins with */
+    double *starts;        /* (count,), s */
+    double *durations;     /* (count,), s */
+    double *changes;       /* (count, voltages) */
+    double preview;        /* s */
     size_t begun;
     size_t ended;
     double *offset;  /* (voltages,) */
