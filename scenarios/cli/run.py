@@ -1,5 +1,6 @@
 """The verb `flexbeams run`."""
 
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from os.path import exists
@@ -78,7 +79,10 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
 )
 @click.option("--no-figures", is_flag=True, help="Write no figures.")
 @click.option("--no-report", is_flag=True, help="Write no report.html.")
-def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, **options: Any) -> int:
+@click.option(
+    "--json", "as_json", is_flag=True, help="Status, folder and summary of each run as JSON instead of tables."
+)
+def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, as_json: bool, **options: Any) -> int:
     """Run scenarios (names from `flexbeams list`, files, or SSP packages) and check the results.
 
     Builds the units that are missing, runs them, writes results.csv, summary.json, figures and report.html, and
@@ -97,6 +101,9 @@ def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, **options
 
             figure_process = stack.enter_context(FigureProcess())
         results = _run_all(_planned(scenarios, stack, **options), jobs, display, figure_process)
+    if as_json:
+        click.echo(json.dumps([_record(result) for result in results], indent=2))
+        return max(result.status for result in results)
     from flexbeams.scenarios.cli.run_tables import show_checks, show_overview
 
     for result in results:
@@ -106,6 +113,19 @@ def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, **options
     if len(results) > 1:
         show_overview(results)
     return max(result.status for result in results)
+
+
+def _record(result: "JobResult") -> dict[str, Any]:
+    """A result for --json."""
+    folder = result.folder
+    summary = json.loads((folder / "summary.json").read_bytes()) if folder is not None else None
+    return {
+        "scenario": result.name,
+        "status": result.status,
+        "message": result.message,
+        "folder": None if folder is None else str(folder),
+        "summary": summary,
+    }
 
 
 def _planned(

@@ -7,7 +7,7 @@ from flexbeams.plant.choices import BASES, BasisName
 
 Coupling = Literal["jacobi", "gauss-seidel"]
 COUPLINGS: tuple[Coupling, ...] = get_args(Coupling)
-Format = Literal["csv", "parquet", "mat"]
+Format = Literal["csv", "parquet", "mat", "mf4"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 ExportFormat = Literal["ssp", "ospsystem", "closed-loop", "container", "wiring"]
 EXPORT_SUFFIXES: dict[ExportFormat, str] = {  # of the file or folder

@@ -34,6 +34,7 @@ class DeclaredVariable:
     min: Any
     max: Any
     unit: str | None
+    description: str | None
     nominal: float | None
     declaredType: None = None  # no Enumerations
 
@@ -59,6 +60,7 @@ class InstanceDeclaration:
                 min=v.minimum,
                 max=v.maximum,
                 unit=v.unit,
+                description=v.description,
                 nominal=v.nominal,
             )
             for v in interface.variables

@@ -12,7 +12,7 @@ import orjson
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.results.folder import ResultFolder
-from flexbeams.scenarios.results.formats import mat_bytes, parquet_bytes
+from flexbeams.scenarios.results.formats import mat_bytes, mf4_bytes, parquet_bytes
 from flexbeams.scenarios.simulation.recording import Recording
 
 
@@ -34,7 +34,7 @@ def write_formats(
     folder: ResultFolder, recording: Recording, summary: dict[str, Any], formats: Sequence[Format] = ("csv",)
 ) -> None:
     """Writes results.<format> for each format; `summary` is of JSON's types."""
-    writers = {"csv": csv_bytes, "parquet": parquet_bytes, "mat": mat_bytes}
+    writers = {"csv": csv_bytes, "parquet": parquet_bytes, "mat": mat_bytes, "mf4": mf4_bytes}
     for kind in formats:
         path = folder.path / f"results.{kind}"
         try:

@@ -1,10 +1,12 @@
-"""Result files for other tools: Parquet for tables of any size, MAT for MATLAB and Octave.
+"""Result files for other tools: Parquet for large tables, MAT for MATLAB and Octave, MF4 for measuring tools.
 
-A Parquet file has the columns of results.csv, and summary.json as the metadata entry `flexbeams`.
+A Parquet file has the columns of results.csv, with `unit` and `description` in the metadata of each, and summary.json
+as the metadata entry `flexbeams`. An MF4 file (4.10) has a channel with unit and comment for each column.
 
 A MAT file (version 5) holds `time` (rows, 1); a struct for each instance with a field for each variable, scalars
 (rows, 1) and arrays (rows, elements) in the order of results.csv: plant.y_pi(:, 2) is `plant.y_pi[2]`; the struct
-`columns` of the same form with the names of those columns as cells; and the struct `run` with entries of summary.json.
+`columns` of the same form with the names of those columns as cells, as `units` and `descriptions` have these; and the
+struct `run` with entries of summary.json.
 Indices are removed from names, and characters other than letters, digits and underscores become underscores:
 `plant.beam[2].tip_mass` is plant.beam_tip_mass. A name that does not begin with a letter gets the prefix x, a duplicate
 a number at its end.
@@ -14,14 +16,17 @@ import io
 import json
 import re
 from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.simulation.recording import Recording
 
@@ -54,8 +59,10 @@ _RUN = ("scenario", "title", "design_id", "coupling", "backend", "complete", "de
 
 def require_formats(formats: Sequence[Format]) -> None:
     """InputError where a format needs a package that is not installed."""
-    if "parquet" in formats and find_spec("pyarrow") is None:
-        raise InputError("--format", "parquet needs the package pyarrow (pip install 'flexbeams[formats]')")
+    for name, package, extra in (("parquet", "pyarrow", "formats"), ("mf4", "asammdf", "mf4")):
+        if name in formats and find_spec(package) is None:
+            rule = f"{name} needs the package {package} (pip install 'flexbeams[{extra}]')"
+            raise InputError("--format", rule)
 
 
 def parquet_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
@@ -63,10 +70,11 @@ def parquet_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
     import pyarrow
     import pyarrow.parquet
 
+    about = {"time": {"unit": "s", "description": "Time"}, **summary.get("signals", {})}
+    fields = [pyarrow.field(name, pyarrow.float64(), metadata=about.get(name)) for name in ("time", *recording.columns)]
     table = pyarrow.table(
         [recording.time, *recording.values.T],
-        names=["time", *recording.columns],
-        metadata={"flexbeams": json.dumps(summary)},
+        schema=pyarrow.schema(fields, metadata={"flexbeams": json.dumps(summary)}),
     )
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(table, buffer)
@@ -78,6 +86,17 @@ def mat_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
     from scipy.io import savemat
 
     structs, columns = _structs(recording)
+    about = summary.get("signals", {})
+    texts = {
+        f"{key}s": {
+            owner: {
+                field: np.array([about.get(str(name), {}).get(key, "") for name in names], dtype=object)
+                for field, names in fields.items()
+            }
+            for owner, fields in columns.items()
+        }
+        for key in ("unit", "description")
+    }
     largest = max(array.nbytes for struct in structs.values() for array in struct.values())
     if largest > _MAX_ARRAY_BYTES:
         raise InputError(
@@ -92,12 +111,34 @@ def mat_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
             "time": recording.time[:, None],
             **structs,
             "columns": columns,
+            **(texts if about else {}),
             "run": {key: summary[key] for key in _RUN if key in summary},
         },
         long_field_names=True,
         do_compression=True,
     )
     return b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # in place of the date
+
+
+def mf4_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
+    """An MF4 file with a channel for each signal."""
+    from asammdf import MDF, Signal
+
+    about = summary.get("signals", {})
+    signals = [
+        Signal(
+            np.ascontiguousarray(recording.values[:, k]),
+            recording.time,
+            name=name,
+            unit=about.get(name, {}).get("unit", ""),
+            comment=about.get(name, {}).get("description", ""),
+        )
+        for k, name in enumerate(recording.columns)
+    ]
+    with temporary_folder() as folder, MDF(version="4.10") as file:
+        file.start_time = datetime(1980, 1, 1, tzinfo=UTC)  # no date, so that equal runs give equal files
+        file.append(signals, comment=str(summary.get("title", "")), common_timebase=True)
+        return Path(file.save(folder / "results.mf4")).read_bytes()
 
 
 def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, Any]]]:
@@ -107,7 +148,7 @@ def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[st
         owner, _, variable = column.partition(".")
         base = re.sub(r"\[[^\]]*\]", "", variable)
         grouped.setdefault(owner, {}).setdefault(base, []).append(k)
-    owners = matlab_names(grouped, taken=["time", "columns", "run"])
+    owners = matlab_names(grouped, taken=["time", "columns", "units", "descriptions", "run"])
     structs: dict[str, dict[str, Array]] = {}
     columns: dict[str, dict[str, Any]] = {}
     for owner, variables in grouped.items():

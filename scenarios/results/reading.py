@@ -165,6 +165,8 @@ def _read_mat(path: Path) -> dict[str, Array]:
         content = loadmat(path, simplify_cells=True)
     except Exception:  # SciPy raises various errors on a damaged file, and NotImplementedError for version 7.3
         raise InputError("", "is not a readable MAT file of version 5 to 7", source=str(path)) from None
+    for about in ("units", "descriptions", "run"):
+        content.pop(about, None)
     names = content.pop("columns", {}) if isinstance(content.get("columns"), dict) else {}
     time = next((np.ravel(v) for k, v in content.items() if _TIME.fullmatch(k) and np.ndim(v)), None)
     if time is None:

@@ -1,5 +1,6 @@
 """A finished run and its summary."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.plant.basis import Array
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.checks import Outcome, standard_metrics
@@ -43,6 +45,7 @@ def run_summary(
     *,
     step: float,
     changed: dict[str, Any],
+    declarations: Mapping[str, InstanceDeclaration],
 ) -> dict[str, Any]:
     """Content of summary.json; `design_id` is empty for units without a design, `step` in s, `changed` as from
     changed_settings."""
@@ -65,9 +68,21 @@ def run_summary(
     }
     if recording.ended:
         summary["ended"] = recording.ended
+    summary["signals"] = signal_table(recording.columns, declarations)
     if recording.failure is not None:
         summary["error"] = str(recording.failure)
     return summary
+
+
+def signal_table(columns: Sequence[str], declarations: Mapping[str, InstanceDeclaration]) -> dict[str, dict[str, str]]:
+    """Unit of measurement and description of each column, from the declaration of its unit."""
+    table = {}
+    for column in columns:
+        owner, _, name = column.partition(".")
+        variable = declarations[owner].variables.get(name) if owner in declarations else None
+        if variable is not None:
+            table[column] = {"unit": variable.unit or "", "description": variable.description or ""}
+    return table
 
 
 def _timing(recording: Recording, pace: float | None) -> dict[str, Any]:

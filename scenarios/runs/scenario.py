@@ -61,6 +61,7 @@ def run_prepared(prepared: PreparedScenario, observer: Observer = SILENT) -> Run
             outcomes,
             step=prepared.step,
             changed=changed,
+            declarations=prepared.declarations,
         ),
     )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from types import MappingProxyType
 
 import numpy as np
@@ -35,6 +36,17 @@ class Recording:
         return self.failure is None and not self.interrupted
 
 
+def step_times(numbers: NDArray[np.int64], step: float) -> Array:
+    """numbers * step, s, rounded to the decimals of the step: 3 * 2e-4 is 0.0006, not 0.0006000000000000001."""
+    decimals = -int(Decimal(repr(float(step))).as_tuple().exponent)
+    scale = 10 ** max(decimals, 0)
+    ticks = numbers * round(step * scale)
+    if decimals > 15 or np.max(np.abs(ticks), initial=0) > 2**53:
+        return np.asarray(numbers * step, dtype=np.float64)
+    exact: Array = ticks / scale
+    return exact
+
+
 class Rows:
     """Rows of a recording in the making, which steppers fill: row ceil(n / decimate) is of step n."""
 
@@ -64,7 +76,7 @@ class Rows:
             self.values[:count, column] *= conversion.factor
             self.values[:count, column] += conversion.offset
         return Recording(
-            time=np.minimum(np.arange(count) * self.decimate, done) * step,
+            time=step_times(np.minimum(np.arange(count) * self.decimate, done), step),
             columns=list(columns),
             values=self.values[:count],
             wall_seconds=wall_seconds,

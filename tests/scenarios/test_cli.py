@@ -20,6 +20,7 @@ from flexbeams.scenarios.definition.scenario_file import first_comment, scenario
 from flexbeams.scenarios.masters.isolation import MasterError
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.recording import step_times
 from tests.helpers import UNITS, Workshop, command, design_of
 
 Write = Callable[[str, str], Path]
@@ -349,7 +350,7 @@ def test_ctrl_c_between_python_units(at_run_folder: Path, tmp_path: Path, write_
     assert summary["checks"] == []
     assert 0 < summary["timing"]["steps"] == len(recording.time) - 1 < 2_000_000
     assert np.isfinite(recording.values).all()
-    np.testing.assert_array_equal(recording.time, 2e-4 * np.arange(len(recording.time)))
+    np.testing.assert_array_equal(recording.time, step_times(np.arange(len(recording.time)), 2e-4))
 
 
 def mapped(pid: int) -> str:

@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from decimal import Decimal
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results import formats
 from flexbeams.scenarios.results.files import read_results, write_results
 from flexbeams.scenarios.results.formats import mat_bytes, matlab_names, parquet_bytes, require_formats
-from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.recording import Recording, step_times
 from tests.units.lag_interface import lag_unit
 
 COLUMNS = [
@@ -200,7 +202,7 @@ def test_a_failed_run_keeps_its_last_row(
     assert run(path, tmp_path / "out", "--decimate", str(every)) == 2
     left = read_results(tmp_path / "out/results.csv")
     steps = [*range(0, 124, every), 124]
-    np.testing.assert_array_equal(left.time, np.array(steps) * 1e-3)
+    np.testing.assert_array_equal(left.time, np.array(steps) / 1000)
     np.testing.assert_array_equal(left.values[:, left.columns.index("lag.ticks")], 2 * np.array(steps))
     np.testing.assert_array_equal(left.values[:, left.columns.index("lag.u[3]")], [3.0] * (len(steps) - 1) + [2e6])
     summary = json.loads((tmp_path / "out/summary.json").read_text())
@@ -214,3 +216,61 @@ def test_formats_are_imported_where_they_are_used() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+SIGNALS = {name: {"unit": "m", "description": f"what {name} is"} for name in COLUMNS}
+
+
+def test_parquet_and_mat_have_units_and_descriptions(tmp_path: Path, recording: Recording) -> None:
+    summary = {**SUMMARY, "signals": SIGNALS}
+    (tmp_path / "a.mat").write_bytes(mat_bytes(recording, summary))
+    file = loadmat(tmp_path / "a.mat", simplify_cells=True)
+    assert list(file["units"]["plant"]["w"]) == ["m", "m"]
+    assert list(file["descriptions"]["plant"]["w"]) == ["what plant.w[1,2] is", "what plant.w[3,2] is"]
+    parquet = pytest.importorskip("pyarrow.parquet")
+    (tmp_path / "a.parquet").write_bytes(parquet_bytes(recording, summary))
+    schema = parquet.read_schema(tmp_path / "a.parquet")
+    assert schema.field("time").metadata[b"unit"] == b"s"
+    for name in COLUMNS:
+        assert schema.field(name).metadata == {b"unit": b"m", b"description": f"what {name} is".encode()}
+
+
+@pytest.mark.skipif(find_spec("asammdf") is None, reason="needs the extra mf4")
+def test_mf4_has_a_channel_with_unit_for_each_column(tmp_path: Path, recording: Recording) -> None:
+    from asammdf import MDF
+
+    content = formats.mf4_bytes(recording, {**SUMMARY, "signals": SIGNALS})
+    (tmp_path / "a.mf4").write_bytes(content)
+    with MDF(tmp_path / "a.mf4") as file:
+        for k, name in enumerate(COLUMNS):
+            channel = file.get(name)
+            np.testing.assert_array_equal(channel.samples, recording.values[:, k])
+            np.testing.assert_array_equal(channel.timestamps, recording.time)
+            assert channel.unit == "m"
+            assert f"what {name} is" in channel.comment
+
+
+@pytest.mark.parametrize("step", [2e-4, 1e-3, 0.1, 7e-5, 0.25, 1.0, 3.0, 1 / 3])
+def test_times_are_decimal(step: float) -> None:
+    """The shortest decimal of each, for steps that are decimals themselves."""
+    numbers = np.arange(30001)
+    times = step_times(numbers, step)
+    np.testing.assert_allclose(times, numbers * step, rtol=1e-15)
+    if step != 1 / 3:
+        assert times.tolist() == [float(Decimal(repr(step)) * k) for k in numbers.tolist()]
+
+
+@pytest.mark.native
+def test_a_run_says_everything_as_json(at_run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["run", "single_beam", "--stop-time", "0.01", "--no-report", "--no-figures", "--json"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    [run] = json.loads(capsys.readouterr().out)
+    assert (run["scenario"], run["status"], run["folder"]) == ("single_beam", 0, str(tmp_path))
+    assert run["summary"] == json.loads((tmp_path / "summary.json").read_text())
+    signals = run["summary"]["signals"]
+    assert signals["plant.y_pi[1]"]["unit"] == "m"
+    assert signals["plant.u[1]"]["unit"] == "V"
+    assert all(entry["description"] for entry in signals.values())
+    assert list(signals) == read_results(tmp_path / "results.csv").columns
+    lines = (tmp_path / "results.csv").read_text().splitlines()
+    assert [line.partition(",")[0] for line in lines[1:5]] == ["0.0", "0.0002", "0.0004", "0.0006"]
