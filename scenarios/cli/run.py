@@ -77,17 +77,28 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     metavar="F",
     help="Simulated seconds for each second of the wall clock: 0.1 is slow motion. Implies --real-time.",
 )
+@click.option(
+    "--patience",
+    type=POSITIVE,
+    default=60.0,
+    show_default=True,
+    metavar="S",
+    help="Seconds without progress after which the units of a package, which run in a process of their own, are ended.",
+)
 @click.option("--no-figures", is_flag=True, help="Write no figures.")
 @click.option("--no-report", is_flag=True, help="Write no report.html.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Status, folder and summary of each run as JSON instead of tables."
 )
-def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, as_json: bool, **options: Any) -> int:
+def run(
+    scenarios: tuple[str, ...], jobs: int | None, real_time: bool, as_json: bool, patience: float, **options: Any
+) -> int:
     """Run scenarios (names from `flexbeams list`, files, or SSP packages) and check the results.
 
     Builds the units that are missing, runs them, writes results.csv, summary.json, figures and report.html, and
     prints each check beside the paper's figure. Several scenarios run in parallel.
     """
+    from flexbeams.scenarios.importing.package import is_package
     from flexbeams.scenarios.runs.progress import Display
 
     if real_time and options["real_time_factor"] is None:
@@ -96,11 +107,12 @@ def run(scenarios: tuple[str, ...], jobs: int | None, real_time: bool, as_json: 
     with ExitStack() as stack:
         display = stack.enter_context(Display(names))
         figure_process = None
-        if len(names) == 1 and not options["no_figures"] and options["real_time_factor"] is None:
+        own = len(names) == 1 and not is_package(scenarios[0])  # in this process
+        if own and not options["no_figures"] and options["real_time_factor"] is None:
             from flexbeams.scenarios.report.figure_process import FigureProcess  # before all that takes time
 
             figure_process = stack.enter_context(FigureProcess())
-        results = _run_all(_planned(scenarios, stack, **options), jobs, display, figure_process)
+        results = _run_all(_planned(scenarios, stack, **options), jobs, display, figure_process, patience)
     if as_json:
         click.echo(json.dumps([_record(result) for result in results], indent=2))
         return max(result.status for result in results)
@@ -181,13 +193,24 @@ def _changes(experiment: "Experiment", settings: "Settings") -> dict[str, Any]:
 
 
 def _run_all(
-    planned: "Sequence[Job]", jobs: int | None, display: "Display", figure_process: "FigureProcess | None"
+    planned: "Sequence[Job]",
+    jobs: int | None,
+    display: "Display",
+    figure_process: "FigureProcess | None",
+    patience: float,
 ) -> "list[JobResult]":
-    """Runs one job in this process, several in parallel ones."""
-    if len(planned) > 1:
+    """Runs one scenario in this process, a package or several jobs in other ones."""
+    from flexbeams.scenarios.definition.scenario_file import ScenarioFile
+
+    packages = [job.experiment for job in planned if not isinstance(job.experiment, ScenarioFile)]
+    for extracted in packages:
+        if extracted.package.tool != "flexbeams":
+            display.note(f"{extracted.file} was not written by flexbeams; its units run in a process of their own")
+    if len(planned) > 1 or packages:
         from flexbeams.scenarios.runs.parallel import run_parallel, usable_cores
 
-        return run_parallel(planned, min(jobs or usable_cores(), len(planned)), display)
+        workers = min(jobs or usable_cores(), len(planned))
+        return run_parallel(planned, workers, display, patience if packages else None)
     from flexbeams.scenarios.runs.job import run_job
     from flexbeams.scenarios.runs.observer import Observer
 

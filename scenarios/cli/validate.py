@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from flexbeams.scenarios.cli.options import say
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.cli.options import POSITIVE, say
 
 
 @click.command()
@@ -18,7 +19,15 @@ from flexbeams.scenarios.cli.options import say
     show_default=True,
     help="Simulate FMUs that carry reference results, and compare.",
 )
-def validate(files: tuple[Path, ...], runs: bool) -> int:
+@click.option(
+    "--patience",
+    type=POSITIVE,
+    default=600.0,
+    show_default=True,
+    metavar="S",
+    help="Seconds after which the code of a unit, which runs in a process of its own, is ended.",
+)
+def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
     """Check FMUs and SSP packages; prints every problem.
 
     FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF). Packages: the SSP 1.0 schemas,
@@ -26,14 +35,13 @@ def validate(files: tuple[Path, ...], runs: bool) -> int:
     """
     from flexbeams.scenarios.importing.package import is_package
     from flexbeams.scenarios.validation.package import package_problems, unit_problems
-    from flexbeams.scenarios.validation.references import reference_checks
 
     failures = 0
     for path in files:
         package = is_package(path.name)
         notes: list[str] = []
         problems = package_problems(path, notes.append) if package else unit_problems(path)
-        checks = [] if package or problems or not runs else reference_checks(path)
+        checks = [] if package or problems or not runs else _checks(path, patience)
         failures += len(problems) + sum(not passed for passed, _ in checks)
         for problem in problems:
             say(f"{path}: {problem}")
@@ -44,3 +52,16 @@ def validate(files: tuple[Path, ...], runs: bool) -> int:
         for _, line in checks:
             say(f"{path}: {line}")
     return 1 if failures else 0
+
+
+def _checks(path: Path, patience: float) -> list[tuple[bool, str]]:
+    """The experiments inside an FMU, run in a process of their own; InputError where its code ends the process."""
+    from flexbeams.scenarios.processes.guarded import GuardedFailure, guarded
+    from flexbeams.scenarios.validation.references import has_references, reference_checks
+
+    if not has_references(path):
+        return []
+    try:
+        return guarded(reference_checks, path, patience=patience)
+    except GuardedFailure as failure:
+        raise InputError("", str(failure), source=str(path)) from None

@@ -61,6 +61,7 @@ class Package:
     connections: list[PackageConnection]
     units: dict[str, Dimension] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)  # on what is ignored, one line each
+    tool: str = ""  # that wrote the package
     start_time: float = 0.0  # s
     stop_time: float | None = None  # s
     step: float | None = None  # s

@@ -65,6 +65,7 @@ def _package(root: Any, package: SspFolder) -> Package:
             for u in root.iterfind("ssd:Units/ssc:Unit", NS)
         },
         notes=notes,
+        tool=root.get("generationTool") or "",
         start_time=_time(experiment, "startTime", package) or 0.0,
         stop_time=_time(experiment, "stopTime", package),
         step=_step(root),

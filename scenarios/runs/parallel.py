@@ -12,11 +12,13 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing.process import BaseProcess
 from multiprocessing.queues import Queue
 from multiprocessing.synchronize import Event
 
 from flexbeams.controller.design import Design
 from flexbeams.plant.errors import FlexbeamsError
+from flexbeams.scenarios.processes.guarded import end_of
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt, ignore_interrupts_in_children
 from flexbeams.scenarios.runs.job import CHECK_FAILED, FAILED, INTERRUPTED, OK, Job, JobResult, run_job
 from flexbeams.scenarios.runs.observer import Observer
@@ -26,6 +28,7 @@ from flexbeams.scenarios.runs.progress import Display
 from flexbeams.scenarios.runs.scenario import unit_files
 from flexbeams.scenarios.simulation.native_stepper import stepper_library
 
+WRITING_TIME = 600.0  # s, for results, figures and report after the last step
 PROGRESS_INTERVAL = 0.1  # s between two messages of a job's progress
 
 Message = tuple[int, str, object]  # number of the job; begin, note, progress or end; its content
@@ -65,11 +68,11 @@ def prepare_all(jobs: Sequence[Job], display: Display) -> list[Design]:
     return designs
 
 
-def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[JobResult]:
+def run_parallel(jobs: Sequence[Job], workers: int, display: Display, patience: float | None = None) -> list[JobResult]:
     """Runs jobs, `workers` at a time; returns their results in the order of the jobs.
 
     A job that fails does not affect the others; FlexbeamsError, before any starts, where none of them can run. Ctrl-C
-    ends all after their current block of steps, a second one at once.
+    ends all after their current block of steps, a second one at once. So do `patience` s without any message.
     """
     designs = prepare_all(jobs, display)
     context = multiprocessing.get_context("spawn")
@@ -78,10 +81,12 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display) -> list[Jo
     with ProcessPoolExecutor(workers, context, _init_worker, (messages, stop)) as pool:
         with ignore_interrupts_in_children(), _one_thread_each():
             futures = [pool.submit(_run_job, number, job, designs) for number, job in enumerate(jobs)]
-        monitor = _Monitor(jobs, futures, messages, display)
+        monitor = _Monitor(jobs, futures, messages, display, multiprocessing.active_children())
         with deferred_interrupt() as interrupted:  # an exception within a message would corrupt those that follow
             while not monitor.finished and not interrupted():
                 monitor.poll()
+                if patience is not None and monitor.silence() > patience:
+                    monitor.kill(f"the code of a unit made no progress for {patience:g} s (see --patience)")
             if not monitor.finished:
                 display.note("interrupted, ending all runs (press Ctrl-C again to end at once)")
                 stop.set()
@@ -102,8 +107,14 @@ class _Monitor:
     """Displays the messages of the workers, and collects their results."""
 
     def __init__(
-        self, jobs: Sequence[Job], futures: list[Future[JobResult]], messages: "Queue[Message]", display: Display
+        self,
+        jobs: Sequence[Job],
+        futures: list[Future[JobResult]],
+        messages: "Queue[Message]",
+        display: Display,
+        processes: list[BaseProcess],
     ) -> None:
+        self._processes, self._heard, self._killed = processes, clock.monotonic(), ""
         self._jobs, self._futures, self._messages, self._display = jobs, futures, messages, display
         self._ended: set[int] = set()  # jobs whose last message has arrived
         self._results: dict[int, JobResult] = {}
@@ -126,6 +137,16 @@ class _Monitor:
             if number not in self._results and (lost or (future.done() and number in self._ended)):
                 self._end(number, self._result(future, number))
 
+    def silence(self) -> float:
+        """Seconds since the last message; negative for WRITING_TIME after the last step."""
+        return clock.monotonic() - self._heard
+
+    def kill(self, reason: str) -> None:
+        """Ends all workers."""
+        self._killed, self._heard = reason, clock.monotonic()
+        for process in self._processes:
+            process.kill()
+
     def abandon(self) -> None:
         """Ends the remaining jobs without results; their messages may be incomplete."""
         for number, job in enumerate(self._jobs):
@@ -143,7 +164,10 @@ class _Monitor:
         try:
             return future.result()
         except BrokenProcessPool:
-            return JobResult(name=name, status=FAILED, message="its process, or a parallel one, was killed")
+            message = "its process, or a parallel one, was killed"
+            if len(self._jobs) == 1:
+                message = self._killed or f"the code of a unit {end_of(self._processes)}"
+            return JobResult(name=name, status=FAILED, message=message)
 
     def _take(self, timeout: float) -> None:
         try:
@@ -151,6 +175,9 @@ class _Monitor:
         except queue.Empty:
             return
         name = self._jobs[number].name
+        self._heard = clock.monotonic()
+        if isinstance(content, tuple) and content[0] == content[1]:
+            self._heard += WRITING_TIME
         if kind == "begin":
             self._display.begin(name)
         elif kind == "note":

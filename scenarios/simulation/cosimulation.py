@@ -16,7 +16,9 @@ from flexbeams.scenarios.simulation.recording import Recording, Rows
 from flexbeams.scenarios.simulation.stepping import PythonStepper, SignalBus, Stepper
 from flexbeams.scenarios.simulation.wiring import Wiring
 
-BLOCK = 500  # steps between updates of progress and external signals
+BLOCK = 500  # steps between updates of progress and external signals, fewer of slow units
+_FIRST_BLOCK = 4  # steps, doubled while a block is short
+_BLOCK_SECONDS = 0.5  # of a block that is long
 
 
 class CoSimulation:
@@ -107,14 +109,17 @@ class CoSimulation:
         progress: Callable[[int], None],
     ) -> int:
         """Steps in blocks that end where a frame is due; returns the steps done, fewer after an interrupt."""
-        done, notified = 0, 0
+        done, notified, block = 0, 0, _FIRST_BLOCK
         while done < steps and not interrupted():
             if done == frames.due:
                 self._drive(done)
                 frames.take(self._bus.signals)
-            count = min(BLOCK, steps - done, frames.due - done if frames.due > done else BLOCK)
+            count = min(block, steps - done, frames.due - done if frames.due > done else block)
+            begin = clock.perf_counter()
             done += self.stepper.advance(done, self._external(done, count), rows.decimate, rows.values)
-            if done - notified >= BLOCK or done == steps:
+            seconds = clock.perf_counter() - begin
+            block = min(2 * block, BLOCK) if seconds < _BLOCK_SECONDS else max(block // 2, 1)
+            if done - notified >= min(block, BLOCK) or done == steps:
                 notified = done
                 try:
                     progress(done)

@@ -1,5 +1,8 @@
 """Third-party SSP packages: names, parameter sets and mappings, transformations, times, as SSP 1.0 has them."""
 
+import os
+import sys
+import time
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,6 +13,7 @@ import pytest
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.processes.guarded import GuardedFailure, guarded
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.package import run_package
@@ -198,3 +202,59 @@ def test_parameters_that_do_not_fit_are_refused(case: str, shop: Shop) -> None:
         shop.run(path)
     assert complaint in str(error.value)
     assert len(package_problems(path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("rule", "complaint"),
+    [
+        ("crash step", "crashed (SIGABRT)"),
+        ("exit instantiate", "ended its process with the exit status 0"),
+        ("hang step", "made no progress for 3 s (see --patience)"),
+    ],
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals")
+def test_code_that_ends_or_hangs_is_one_line(
+    rule: str, complaint: str, shop: Shop, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(shop.folder)
+    path = shop.package({"g": (ForeignUnit(variables=GAIN, rules=[*RULES, rule]), "")})
+    build = ["--cache", str(shop.settings.build_folder)]
+    assert main(["run", str(path), "--out", "results", "--patience", "3", *build]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == f"{path} was not written by flexbeams; its units run in a process of their own"
+    assert lines[-1] == f"flexbeams: the code of a unit {complaint}"
+
+
+def test_a_truncated_library_ends_with_one_line(
+    shop: Shop, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(shop.folder)
+    path = shop.package({"g": (GAINS, "")})
+    with zipfile.ZipFile(path) as archive:
+        entries = {n: archive.read(n) for n in archive.namelist()}
+    with zipfile.ZipFile(shop.folder / "unit.fmu") as archive:
+        inside = {n: archive.read(n) for n in archive.namelist()}
+    with zipfile.ZipFile(shop.folder / "unit.fmu", "w") as archive:
+        for name, content in inside.items():
+            archive.writestr(name, content[: len(content) // 2] if name.startswith("binaries/") else content)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in entries.items():
+            archive.writestr(name, (shop.folder / "unit.fmu").read_bytes() if name.endswith(".fmu") else content)
+    assert main(["run", str(path), "--out", "results", "--cache", str(shop.settings.build_folder)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("flexbeams: ")
+
+
+def leave() -> None:
+    os._exit(3)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals")
+def test_guarded_calls() -> None:
+    assert guarded(divmod, 7, 2) == (3, 1)
+    with pytest.raises(GuardedFailure, match=r"the code of a unit crashed \(SIGABRT\)"):
+        guarded(os.abort)
+    with pytest.raises(GuardedFailure, match="ended its process with the exit status 3"):
+        guarded(leave)
+    with pytest.raises(GuardedFailure, match=r"did not return within 1 s"):
+        guarded(time.sleep, 60, patience=1.0)
