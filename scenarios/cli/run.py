@@ -85,6 +85,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     metavar="S",
     help="Seconds without progress after which the units of a package, which run in a process of their own, are ended.",
 )
+@click.option("--units-row", is_flag=True, help="Write units of measurement into the second row of results.csv.")
 @click.option("--no-figures", is_flag=True, help="Write no figures.")
 @click.option("--no-report", is_flag=True, help="Write no report.html.")
 @click.option(

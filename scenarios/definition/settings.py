@@ -46,6 +46,7 @@ class Settings:
     overrides: Mapping[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to start value
     decimate: int = 1  # every which step is recorded
     build_folder: Path = field(default_factory=cache_folder)  # where built units are kept, see fmus.packaging.cache
+    units_row: bool = False  # units of measurement in the second row of results.csv
     record_animation: bool = True  # record the deflected beams for the animation
     kinds: tuple[UnitKind, ...] = ()  # of units that scenarios may name beside those of the catalogue
 

@@ -44,23 +44,35 @@ def write_formats(
 
 
 def csv_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
-    """A CSV file (RFC 4180) with the shortest digits that give the same double."""
-    header = ",".join(["time", *(f'"{c}"' if "," in c else c for c in recording.columns)]).encode()
+    """A CSV file (RFC 4180) with the shortest digits that give the same double; units in the second row, if recorded."""
+    header = ",".join(map(_quoted, ["time", *recording.columns]))
+    if recording.units:
+        header += "\n" + ",".join(map(_quoted, ["s", *recording.units]))
     table = np.column_stack([recording.time, recording.values])
     if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
         rows = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n")
     else:
         rows = "\n".join(",".join(map(repr, row)) for row in table.tolist()).encode()
-    return header + b"\n" + rows + b"\n"
+    return header.encode() + b"\n" + rows + b"\n"
+
+
+def _quoted(text: str) -> str:
+    """A cell, in quotes where it needs them; quotes inside are doubled."""
+    if not any(c in text for c in ',"\r\n') and text == text.strip():
+        return text
+    return '"' + text.replace('"', '""') + '"'
 
 
 def read_results(path: Path) -> Recording:
     """The recording in a results.csv; InputError for any other file."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            header = next(csv.reader(file))
+            lines = csv.reader(file)
+            header = next(lines)
+            second = next(lines, [])
+        units = second[1:] if second[:1] == ["s"] else []
         with warnings.catch_warnings(action="error"):  # of a file without data
-            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+            table = np.loadtxt(path, delimiter=",", skiprows=2 if units else 1, ndmin=2)
     except OSError as error:
         raise InputError("", f"cannot be read: {error.strerror}", source=str(path)) from None
     except (StopIteration, ValueError, csv.Error, UserWarning):  # their texts quote the file
@@ -68,7 +80,7 @@ def read_results(path: Path) -> Recording:
     if table.shape[1] != len(header) or header[:1] != ["time"]:
         rule = "is not a CSV file of numbers with the columns of its header, time first"
         raise InputError("", rule, source=str(path))
-    return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall_seconds=float("nan"))
+    return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall_seconds=float("nan"), units=units)
 
 
 def json_values(value: Any) -> Any:

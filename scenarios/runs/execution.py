@@ -54,6 +54,8 @@ def execute(
         recording = simulation.run(
             prepared.steps, lambda done: observer.progress(done, prepared.steps), prepared.settings.decimate
         )
+    if settings.units_row:
+        recording.units = [prepared.unit_of(column) for column in recording.columns]
     if recording.ended:
         observer.notify(recording.ended)
     return recording

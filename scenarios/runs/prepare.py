@@ -13,7 +13,7 @@ from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.plausibility import implausible_values
 from flexbeams.plant.structure import find_structure, read_structure
-from flexbeams.scenarios.definition.declaration import InstanceDeclaration
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, split_owner
 from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile
 from flexbeams.scenarios.definition.schema import Scenario
@@ -50,6 +50,11 @@ class PreparedRun:
     starts: dict[str, StartValues]
     wiring: Wiring
     start_time: float = 0.0  # s
+
+    def unit_of(self, column: str) -> str:
+        """The unit of measurement of <instance>.<variable>, empty where it has none."""
+        owner, variable = split_owner(column, self.declarations)
+        return self.declarations[owner].variables[variable].unit or ""
 
     def numeric_starts(self, instance: str) -> dict[str, float | bool]:
         """Start values of an instance but for Strings."""

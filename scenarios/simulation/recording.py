@@ -1,7 +1,7 @@
 """Recording of a run: chosen signals at every step, or at every n-th."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from types import MappingProxyType
 
@@ -26,6 +26,7 @@ class Recording:
     decimate: int = 1  # steps from row to row
     failure: UnitFailure | None = None
     interrupted: bool = False
+    units: list[str] = field(default_factory=list)  # of measurement, by column, where a run is asked for them
     ended: str = ""  # which unit ended the run before its stop time, a regular end
     frames: Frames | None = None  # of the animation, if it was recorded
     lateness: Array | None = None  # s, of each step of a paced run against the wall clock

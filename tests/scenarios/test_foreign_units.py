@@ -1,5 +1,6 @@
 """Third-party units: every value reaches its variable, by type, index and unit of measurement, or is refused."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.files import write_run
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.scenario import run_scenario
 from tests.units.foreign.unit import ForeignUnit, ForeignVariable
@@ -290,3 +293,23 @@ def test_a_unit_for_one_instance_is_instantiated_once(tmp_path: Path, run_folder
     bench.run('[instance.a]\nfmu = "single.fmu"\n')
     with pytest.raises(InputError, match=r"instance.b is of the same unit as a, which can be instantiated only once"):
         bench.run('[instance.a]\nfmu = "single.fmu"\n[instance.b]\nfmu = "single.fmu"\n')
+
+
+def test_names_in_csv_headers_are_quoted_as_rfc_4180_has_them(
+    tmp_path: Path, run_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path, run_folder / "build/fmus")
+    name = 'der(x,1) "a"'
+    variables = [
+        V(name=name, type="Real", causality="output", reference=0, start="1", unit="mm"),
+        V(name="plain", type="Boolean", causality="output", reference=0, start="true"),
+    ]
+    ForeignUnit(variables=variables).write(tmp_path / "quoted.fmu")
+    run = bench.run('[instance.g]\nfmu = "quoted.fmu"\n', units_row=True)
+    write_run(run, tmp_path / "out", figures=False, report=False)
+    lines = (tmp_path / "out/results.csv").read_text().splitlines()
+    assert lines[:2] == ['time,"g.der(x,1) ""a""",g.plain', "s,mm,"]
+    assert next(csv.reader(lines)) == ["time", f"g.{name}", "g.plain"]
+    read = read_results(tmp_path / "out/results.csv")
+    assert (read.columns, read.units) == ([f"g.{name}", "g.plain"], ["mm", ""])
+    assert np.array_equal(read.values, run.recording.values)
