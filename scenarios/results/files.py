@@ -44,7 +44,7 @@ def write_formats(
 
 
 def csv_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
-    """A CSV file (RFC 4180) with the shortest digits that give the same double; units in the second row, if recorded."""
+    """A CSV file (RFC 4180) with the shortest digits that give the same double; units in row 2, if recorded."""
     header = ",".join(map(_quoted, ["time", *recording.columns]))
     if recording.units:
         header += "\n" + ",".join(map(_quoted, ["s", *recording.units]))
