@@ -8,7 +8,10 @@ cross-check rules demand, and two rows of one time where an input jumps, as the 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from xml.etree import ElementTree
 
+import numpy as np
+
 from flexbeams.fmus.documents.xml_documents import Entry, parameter_set, xml_bytes
+from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.references.experiments import Experiment, Series
 
@@ -42,9 +45,12 @@ def reference_results(interface: Interface, experiments: Sequence[Experiment]) -
     """The files by their path in the archive; none without experiments.
 
     These are the manifest, the experiments file, notes, and for each experiment its parameter set, stimuli and results.
+    Raises BuildError for a result that is not finite.
     """
     if not experiments:
         return {}
+    for e in experiments:
+        _require_finite(interface, e)
     files = {}
     related = [(EXPERIMENTS_TYPE, EXPERIMENTS, "experiment/smoke-test", f"Experiments with {interface.unit_name}")]
     for e in experiments:
@@ -71,6 +77,15 @@ def reference_results(interface: Interface, experiments: Sequence[Experiment]) -
         NOTES: notes.encode(),
         **{f"{FOLDER}/{name}": content for name, content in files.items()},
     }
+
+
+def _require_finite(interface: Interface, experiment: Experiment) -> None:
+    series = experiment.references
+    for row, column in np.argwhere(~np.isfinite(series.values))[:1]:
+        raise BuildError(
+            f"{interface.unit_name}: reference {experiment.name}: {series.names[column]} at {series.time[row]:g} s "
+            f"must be finite, got {series.values[row, column]}"
+        )
 
 
 def _stimuli_file(experiment: Experiment, experiments: Sequence[Experiment]) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.choices import BACKENDS, Backend
+from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
 from flexbeams.fmus.units.kind import UnitKind
@@ -49,11 +50,24 @@ def build(
     InputError
         For an unknown unit, platform or backend.
     BuildError
-        Where a tool is missing or fails.
+        Where a tool is missing or fails, or where a unit does not reproduce its own reference results.
     """
     kinds = [u if isinstance(u, UnitKind) else require_kind(u, "UNIT") for u in dict.fromkeys(units)] or CATALOGUE
     if backend not in BACKENDS:
         raise InputError("backend", f"must be one of {', '.join(BACKENDS)}", backend)
     computed = design.computed if isinstance(design, DesignView) else design
     model = computed.model()
-    return build_units(kinds, computed, model, Path(folder), backend=backend, platforms=platforms, compiler=compiler)
+    files = build_units(kinds, computed, model, Path(folder), backend=backend, platforms=platforms, compiler=compiler)
+    for file in files:
+        _require_references(file)
+    return files
+
+
+def _require_references(file: Path) -> None:
+    """Runs the experiments inside a unit that loads on this machine; removes the unit where one fails."""
+    from flexbeams.scenarios.validation.references import reference_checks
+
+    for check in reference_checks(file):
+        if check.ran and not check.passed:
+            file.unlink()
+            raise BuildError(f"{file}: {check.message}; the unit is removed")

@@ -30,10 +30,11 @@ from flexbeams.scenarios.cli.options import POSITIVE, say
 def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
     """Check FMUs and SSP packages; prints every problem.
 
-    FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF). Packages: the SSP 1.0 schemas,
-    connectors, units, start values, and the FMUs inside.
+    FMUs: the FMI 2.0 schema and its rules; the reference results inside (FMI-LS-REF), which fail where they
+    cannot be checked. Packages: the SSP 1.0 schemas, connectors, units, start values, and the FMUs inside.
     """
     from flexbeams.scenarios.importing.package import is_package
+    from flexbeams.scenarios.validation.guarded_checks import guarded_checks
     from flexbeams.scenarios.validation.package import package_problems, unit_problems
 
     failures = 0
@@ -41,27 +42,14 @@ def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
         package = is_package(path.name)
         notes: list[str] = []
         problems = package_problems(path, notes.append) if package else unit_problems(path)
-        checks = [] if package or problems or not runs else _checks(path, patience)
-        failures += len(problems) + sum(not passed for passed, _ in checks)
+        checks = [] if package or problems or not runs else guarded_checks(path, patience)
+        failures += len(problems) + sum(not check.passed for check in checks)
         for problem in problems:
             say(f"{path}: {problem}")
         if not problems:
             say(f"{path}: valid")
         for text in notes:
             click.echo(f"{path}: note: {text}")
-        for _, line in checks:
-            say(f"{path}: {line}")
+        for check in checks:
+            say(f"{path}: {check.message}")
     return 1 if failures else 0
-
-
-def _checks(path: Path, patience: float) -> list[tuple[bool, str]]:
-    """The experiments inside an FMU, run in a process of their own; InputError where its code ends the process."""
-    from flexbeams.scenarios.processes.guarded import GuardedFailure, guarded
-    from flexbeams.scenarios.validation.references import has_references, reference_checks
-
-    if not has_references(path):
-        return []
-    try:
-        return guarded(reference_checks, path, patience=patience)
-    except GuardedFailure as failure:
-        raise InputError("", str(failure), source=str(path)) from None

@@ -38,10 +38,19 @@ def has_references(file: Path) -> bool:
     return any(entry.filename == MANIFEST for entry in ExtractionBudget().check(file))
 
 
-def reference_checks(file: Path) -> list[tuple[bool, str]]:
-    """(passed, message) for each experiment in an FMU; empty where it has none.
+@dataclass(frozen=True, kw_only=True)
+class ReferenceCheck:
+    """What came of an experiment in an FMU."""
 
-    An experiment that cannot be read or run on this machine passes.
+    passed: bool  # results agree with the references
+    ran: bool  # whether the experiment could be read and the unit loaded on this machine
+    message: str
+
+
+def reference_checks(file: Path) -> list[ReferenceCheck]:
+    """A check of each experiment in an FMU; empty where it has none.
+
+    An experiment that cannot be read or run on this machine does not pass.
     """
     if not has_references(file):
         return []
@@ -52,32 +61,38 @@ def reference_checks(file: Path) -> list[tuple[bool, str]]:
             description = unit_description(file, "", "")
             declared = declared_experiments(folder, description)
         except InputError as error:
-            return [(True, f"references are not checked: {error}")]
+            return [_unchecked(f"references are not checked: {error}")]
         return [_check(folder, description, experiment) for experiment in declared]
 
 
-def _check(folder: Path, description: Any, experiment: DeclaredExperiment) -> tuple[bool, str]:
+def _unchecked(message: str) -> ReferenceCheck:
+    return ReferenceCheck(passed=False, ran=False, message=message)
+
+
+def _check(folder: Path, description: Any, experiment: DeclaredExperiment) -> ReferenceCheck:
     title = f"reference {experiment.name}"
     try:
         reference = read_reference_run(folder, description, experiment)
     except InputError as error:
-        return True, f"{title} is not checked: {str(error).replace(f'{folder}/', '')}"
+        return _unchecked(f"{title} is not checked: {str(error).replace(f'{folder}/', '')}")
     try:
         instance = UnitInstance("unit", folder, description, lambda text: None)
     except Exception as error:  # of a library that cannot be loaded
-        return True, f"{title} is not checked: {' '.join(str(error).split()) or type(error).__name__}"
+        return _unchecked(f"{title} is not checked: {' '.join(str(error).split()) or type(error).__name__}")
     try:
         worst = deviation(reference, simulate_reference(reference, instance))
     except UnitFailure as failure:
-        return False, f"{title}: {failure}"
+        return ReferenceCheck(passed=False, ran=True, message=f"{title}: {failure}")
     finally:
         instance.close()
-    if worst.size <= reference.tolerance:
-        return True, f"{title}: agrees to {worst.size:.0e}" if worst.size else f"{title}: agrees exactly"
-    return False, (
-        f"{title}: {worst.name} at {worst.time:.6g} s must be {worst.expected!r} to {reference.tolerance:g}, "
-        f"got {worst.result!r}"
-    )
+    if passed := worst.size <= reference.tolerance:
+        message = f"agrees to {worst.size:.0e}" if worst.size else "agrees exactly"
+    else:
+        message = (
+            f"{worst.name} at {worst.time:.6g} s must be {worst.expected!r} to {reference.tolerance:g}, "
+            f"got {worst.result!r}"
+        )
+    return ReferenceCheck(passed=passed, ran=True, message=f"{title}: {message}")
 
 
 def simulate_reference(reference: ReferenceRun, instance: UnitInstance) -> Array:

@@ -2,8 +2,10 @@
 
 import csv
 import io
+import re
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -16,6 +18,7 @@ import numpy as np
 import pytest
 
 from flexbeams.fmus.documents.xml_documents import SSV
+from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.build import build_units, native_unit
 from flexbeams.fmus.references.experiments import Experiment
@@ -23,6 +26,7 @@ from flexbeams.fmus.references.results import FOLDER, MANIFEST, NOTES, TOLERANCE
 from flexbeams.fmus.units.catalogue import CATALOGUE, kind_named
 from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.api.units import build
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.time_table import TimeTable
 from flexbeams.scenarios.importing.xml_reading import read_document, schema_problems
@@ -369,14 +373,43 @@ def test_validate_finds_a_tampered_reference(tmp_path: Path, capsys: pytest.Capt
         ),
     ],
 )
-def test_what_cannot_be_checked_is_no_fault(
+def test_what_cannot_be_checked_fails(
     change: Callable[[str, bytes], bytes | None], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = rewritten(built() / "TrackingController.fmu", tmp_path / "other.fmu", change)
-    assert main(["validate", str(file)]) == 0
+    assert main(["validate", str(file)]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{file}: valid"
+    assert main(["validate", "--no-run", str(file)]) == 0
     assert lines[1].startswith(f"{file}: {line}")
+
+
+def test_results_that_are_not_finite_are_refused() -> None:
+    """In the references of a unit that is built: with the experiment, the variable and the time."""
+    interface, _, made = carried("kiel", "clamped_free", "TrackingController")
+    values = made[0].references.values.copy()
+    values[7, 2] = np.nan
+    spoiled = replace(made[0], references=replace(made[0].references, values=values))
+    time, name = made[0].references.time[7], made[0].references.names[2]
+    with pytest.raises(BuildError, match=rf"swinging: {re.escape(name)} at {time:g} s must be finite, got nan"):
+        reference_results(interface, [spoiled, *made[1:]])
+
+
+@needs_zig
+def test_build_runs_the_experiments_of_its_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A unit whose results differ from its references is not left behind."""
+    design = design_of()
+    monkeypatch.setattr(
+        "flexbeams.scenarios.api.units.build_units",
+        lambda *_, **__: [rewritten(built() / "TrackingController.fmu", tmp_path / "bad.fmu", spoil)],
+    )
+
+    def spoil(name: str, content: bytes) -> bytes:
+        return content.replace(b'value="0.00108"', b'value="1.5"')
+
+    with pytest.raises(BuildError, match=r"bad.fmu: reference limited: unit failed at 0 s in setReal"):
+        build(design, ["TrackingController"], folder=tmp_path)
+    assert not (tmp_path / "bad.fmu").exists()
 
 
 @needs_zig
