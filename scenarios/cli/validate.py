@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.options import POSITIVE, say
 
 
