@@ -1,7 +1,9 @@
 """Options that several verbs have."""
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -77,6 +79,26 @@ cache_option = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
     help="Folder where built units are kept. [default: $FLEXBEAMS_CACHE, else the user's cache]",
+)
+
+
+def _set_max_size(context: click.Context, parameter: click.Parameter, value: float | None) -> None:
+    """For this call and the processes that it starts."""
+    if value is None:
+        return
+    before = os.environ.get("FLEXBEAMS_MAX_SIZE")
+    os.environ["FLEXBEAMS_MAX_SIZE"] = repr(value)
+    restore = partial(os.environ.pop, "FLEXBEAMS_MAX_SIZE", None)
+    context.call_on_close(restore if before is None else partial(os.environ.update, FLEXBEAMS_MAX_SIZE=before))
+
+
+max_size_option = click.option(
+    "--max-size",
+    type=POSITIVE,
+    metavar="GB",
+    callback=_set_max_size,
+    expose_value=False,
+    help="Largest size of an FMU or a package when extracted. [default: 1.07]",
 )
 
 

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.cli.options import POSITIVE, cache_option, compiler_option, note, scenario_options
+from flexbeams.scenarios.cli.options import (
+    POSITIVE,
+    cache_option,
+    compiler_option,
+    max_size_option,
+    note,
+    scenario_options,
+)
 from flexbeams.scenarios.definition.choices import BACKENDS, FORMATS
 
 if TYPE_CHECKING:
@@ -85,6 +92,7 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     metavar="S",
     help="Seconds without progress after which the units of a package, which run in a process of their own, are ended.",
 )
+@max_size_option
 @click.option("--units-row", is_flag=True, help="Write units of measurement into the second row of results.csv.")
 @click.option("--no-figures", is_flag=True, help="Write no figures.")
 @click.option("--no-report", is_flag=True, help="Write no report.html.")

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from flexbeams.scenarios.cli.options import POSITIVE, say
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.cli.options import POSITIVE, max_size_option, say
 
 
 @click.command()
@@ -26,6 +27,7 @@ from flexbeams.scenarios.cli.options import POSITIVE, say
     metavar="S",
     help="Seconds after which the code of a unit, which runs in a process of its own, is ended.",
 )
+@max_size_option
 def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
     """Check FMUs and SSP packages; prints every problem.
 
@@ -35,12 +37,17 @@ def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
     from flexbeams.scenarios.importing.package import is_package
     from flexbeams.scenarios.validation.guarded_checks import guarded_checks
     from flexbeams.scenarios.validation.package import package_problems, unit_problems
+    from flexbeams.scenarios.validation.rules import platform_note
 
     failures = 0
     for path in files:
         package = is_package(path.name)
         notes: list[str] = []
         problems = package_problems(path, notes.append) if package else unit_problems(path)
+        if package and not problems:
+            problems = _run_problems(path, notes)
+        elif not package and not problems and (text := platform_note(path)):
+            notes.append(text)
         checks = [] if package or problems or not runs else guarded_checks(path, patience)
         failures += len(problems) + sum(not check.passed for check in checks)
         for problem in problems:
@@ -48,7 +55,23 @@ def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
         if not problems:
             say(f"{path}: valid")
         for text in notes:
-            click.echo(f"{path}: note: {text}")
+            say(f"{path}: note: {text}")
         for check in checks:
             say(f"{path}: {check.message}")
     return 1 if failures else 0
+
+
+def _run_problems(path: Path, notes: list[str]) -> list[str]:
+    """Why `flexbeams run` refuses a valid package, such as a stop time between two steps; a note where options help."""
+    from flexbeams.scenarios.definition.settings import Settings
+    from flexbeams.scenarios.runs.package import extracted_package, prepare_package
+
+    try:
+        with extracted_package(path) as extracted:
+            prepare_package(extracted, Settings())
+    except InputError as error:
+        text = str(error).removeprefix(f"{path}: ")
+        if not error.key.startswith("--"):
+            return [text]
+        notes.append(text)
+    return []

@@ -29,8 +29,9 @@ def unit_description(file: Path, key: str, source: str) -> Any:
         raise InputError(
             key, f"must be an FMU ({error.args[0] if error.args else error})", str(file), source=source
         ) from None
-    if root.get("fmiVersion") != "2.0" or root.find("CoSimulation") is None:
-        raise InputError(key, "must be an FMI 2.0 co-simulation unit", str(file), source=source)
+    if (version := root.get("fmiVersion")) != "2.0" or root.find("CoSimulation") is None:
+        other = f", not of FMI {version}" if version != "2.0" else ", not for model exchange"
+        raise InputError(key, f"must be an FMI 2.0 co-simulation unit{other}", str(file), source=source)
     try:
         stored = io.BytesIO()
         with zipfile.ZipFile(stored, "w") as archive:

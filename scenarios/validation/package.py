@@ -19,6 +19,7 @@ from flexbeams.scenarios.importing.fmu import unit_description
 from flexbeams.scenarios.importing.package import Connector, Package, PackageConnection
 from flexbeams.scenarios.importing.ssp import open_package
 from flexbeams.scenarios.validation.parameters import parameter_values
+from flexbeams.scenarios.validation.rules import rule_problems, version_problem
 
 
 def package_problems(file: Path, notify: Callable[[str], None] = lambda text: None) -> list[str]:
@@ -42,13 +43,15 @@ def package_problems(file: Path, notify: Callable[[str], None] = lambda text: No
 
 
 def unit_problems(file: Path) -> list[str]:
-    """Violations of FMI by an FMU of any version, one line each."""
+    """Violations of FMI 2.0 by an FMU, one line each; one line for an FMU of another version."""
     try:
         ExtractionBudget().check(file)
         with zipfile.ZipFile(file) as archive:
             if damaged := archive.testzip():
                 return [f"{damaged} is damaged: its checksum does not match"]
-        return [" ".join(str(problem).split()) for problem in validate_fmu(str(file))]
+        if problem := version_problem(file):
+            return [problem]
+        return [*(" ".join(str(problem).split()) for problem in validate_fmu(str(file))), *rule_problems(file)]
     except InputError as error:
         return [str(error).removeprefix(f"{file}: ")]
     except Exception as error:  # FMPy raises various errors on a damaged file

@@ -1,0 +1,103 @@
+"""What `flexbeams validate` names in third-party FMUs and packages, and what it leaves alone."""
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flexbeams.fmus.packaging.compilers import host_platform
+from flexbeams.scenarios.cli.main import main
+from tests.scenarios.test_foreign_packages import Shop
+from tests.scenarios.test_foreign_units import GAIN, RULES
+from tests.units.foreign.unit import ForeignUnit
+
+pytestmark = pytest.mark.native
+
+
+def unit(**changes: str) -> ForeignUnit:
+    """The unit with attributes of its first variable, gain."""
+    return ForeignUnit(variables=[replace(GAIN[0], **changes), *GAIN[1:]], rules=RULES)  # type: ignore[arg-type]
+
+
+def lines(path: Path, status: int, capsys: pytest.CaptureFixture[str], *options: str) -> list[str]:
+    assert main(["validate", str(path), *options]) == status
+    return [line.removeprefix(f"{path}: ") for line in capsys.readouterr().out.splitlines()]
+
+
+PROBLEMS = {
+    "bounds": (unit(attributes='min="5" max="1"'), "gain has min 5 above max 1"),
+    "start": (unit(attributes='min="3"'), "gain has the start value 2, which is not from 3 to inf"),
+    "nominal": (unit(attributes='nominal="0"'), "gain has the nominal value 0"),
+}
+
+
+@pytest.mark.parametrize("case", PROBLEMS)
+def test_values_that_break_a_rule_are_named(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fmu, complaint = PROBLEMS[case]
+    assert lines(fmu.write(tmp_path / "unit.fmu"), 1, capsys) == [complaint]
+
+
+def changed(path: Path, old: str, new: str, **entries: bytes | None) -> Path:
+    """The FMU with a text of its description replaced, and other entries."""
+    with zipfile.ZipFile(path) as archive:
+        contents: dict[str, bytes | None] = {n: archive.read(n) for n in archive.namelist()}
+    text = (contents["modelDescription.xml"] or b"").decode()
+    assert old in text
+    contents["modelDescription.xml"] = text.replace(old, new).encode()
+    contents |= entries
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in contents.items():
+            if content is not None:
+                archive.writestr(name, content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('fmiVersion="2.0"', 'fmiVersion="1.0"', "is of FMI 1.0; only FMI 2.0 is supported"),
+        ('fmiVersion="2.0"', 'fmiVersion="3.0"', "is of FMI 3.0; only FMI 2.0 is supported"),
+        ("<fmiModelDescription", "<!DOCTYPE a><fmiModelDescription", "must have no document type declaration"),
+        ('modelIdentifier="foreign"', 'modelIdentifier="../foreign"', "modelIdentifier must be a C identifier"),
+    ],
+)
+def test_descriptions_that_are_refused(
+    old: str, new: str, complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    [line] = lines(changed(unit().write(tmp_path / "unit.fmu"), old, new), 1, capsys)
+    assert complaint in line
+
+
+def test_binaries_for_other_machines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    platform = host_platform()
+    place = f"binaries/{platform.name}/foreign{platform.suffix}"
+    path = changed(
+        unit().write(tmp_path / "unit.fmu"), "foreign", "foreign", **{place: None, "binaries/win64/a": b"x"}
+    )
+    valid, note = lines(path, 0, capsys)
+    assert valid == "valid"
+    assert note.startswith("note: has no binary for this machine")
+    assert note.endswith("only for win64")
+    if platform.suffix == ".so":
+        other = bytearray(64)
+        other[:4], other[18] = b"\x7fELF", 0xF3
+        path = changed(unit().write(tmp_path / "unit.fmu"), "foreign", "foreign", **{place: bytes(other)})
+        [line] = lines(path, 1, capsys)
+        assert line.startswith(f"{place} is for riscv, not for ")
+
+
+def test_a_table_of_zeros_is_legal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = unit().write(tmp_path / "unit.fmu", resources__table=bytes(16_000_000))
+    assert lines(path, 0, capsys) == ["valid"]
+    [line] = lines(path, 1, capsys, "--max-size", "0.01")
+    assert line.startswith("must be at most 10000000 bytes when extracted (--max-size raises the limit)")
+
+
+def test_times_that_a_run_refuses_are_named(
+    tmp_path: Path, run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shop = Shop(tmp_path, run_folder / "build/fmus")
+    assert lines(shop.package({"g": (unit(), "")}), 0, capsys) == ["valid"]
+    [line] = lines(shop.package({"g": (unit(), "")}, stop="0.0153"), 1, capsys)
+    assert "stop_time must be a whole number of steps of 0.01 s" in line
