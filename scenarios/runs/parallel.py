@@ -28,6 +28,7 @@ from flexbeams.scenarios.runs.progress import Display
 from flexbeams.scenarios.runs.scenario import unit_files
 from flexbeams.scenarios.simulation.native_stepper import stepper_library
 
+STARTING_TIME = 60.0  # s, for a worker's first message
 WRITING_TIME = 600.0  # s, for results, figures and report after the last step
 PROGRESS_INTERVAL = 0.1  # s between two messages of a job's progress
 
@@ -114,7 +115,8 @@ class _Monitor:
         display: Display,
         processes: list[BaseProcess],
     ) -> None:
-        self._processes, self._heard, self._killed = processes, clock.monotonic(), ""
+        self._processes, self._killed = processes, ""
+        self._heard = clock.monotonic() + STARTING_TIME
         self._jobs, self._futures, self._messages, self._display = jobs, futures, messages, display
         self._ended: set[int] = set()  # jobs whose last message has arrived
         self._results: dict[int, JobResult] = {}
@@ -138,7 +140,7 @@ class _Monitor:
                 self._end(number, self._result(future, number))
 
     def silence(self) -> float:
-        """Seconds since the last message; negative for WRITING_TIME after the last step."""
+        """Seconds since the last message; negative while a worker starts, and for WRITING_TIME after the last step."""
         return clock.monotonic() - self._heard
 
     def kill(self, reason: str) -> None:

@@ -72,9 +72,7 @@ def test_descriptions_that_are_refused(
 def test_binaries_for_other_machines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     platform = host_platform()
     place = f"binaries/{platform.name}/foreign{platform.suffix}"
-    path = changed(
-        unit().write(tmp_path / "unit.fmu"), "foreign", "foreign", **{place: None, "binaries/win64/a": b"x"}
-    )
+    path = changed(unit().write(tmp_path / "unit.fmu"), "foreign", "foreign", **{place: None, "binaries/win64/a": b"x"})
     valid, note = lines(path, 0, capsys)
     assert valid == "valid"
     assert note.startswith("note: has no binary for this machine")
