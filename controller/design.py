@@ -14,6 +14,7 @@ from flexbeams.controller.offsets import OffsetMap, offset_map, uncertainty_of
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reach import Reach, reach_of
 from flexbeams.controller.reduction import ReducedModel, reduce
+from flexbeams.controller.retained_modes import missing_mode_warnings
 from flexbeams.controller.sampling import sampling_warnings
 from flexbeams.controller.statics import Statics, statics_of, with_statics
 from flexbeams.controller.structure_checks import structure_warnings
@@ -111,6 +112,7 @@ def _compute(structure: Structure, options: DesignOptions) -> Design:
             *structure_warnings(model, system),
             *reach.warnings(nearest=options.targets == "nearest"),
             *warnings,
+            *missing_mode_warnings(system, reduced, len(structure.beam)),
             *verification.warnings(),
         ],
     }
