@@ -98,7 +98,7 @@ def ctrl_c() -> Iterator[None]:
 def known_designs() -> Iterator[None]:
     """Runs and exports in this process take designs that the session has computed already."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexbeams.scenarios.runs.prepare.compute_design", computed_once)
+        patch.setattr("flexbeams.fmus.packaging.designs.compute_design", computed_once)
         yield
 
 

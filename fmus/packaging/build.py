@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,12 +11,12 @@ from flexbeams.fmus.packaging.cache import is_sound, prepare_folder, record, too
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
 from flexbeams.fmus.packaging.python import PythonUnit, build_python_units, bundled_script, data_file
 from flexbeams.fmus.packaging.single_file import single_file
+from flexbeams.fmus.packaging.sources import sources_digest
 from flexbeams.fmus.references.results import reference_results
 from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.galerkin import BeamModel
-
-_ROOT = Path(__file__).parents[2]
+from flexbeams.plant.threads import one_thread
 
 
 def build_units(
@@ -36,13 +35,17 @@ def build_units(
     see build_native_units. Raises BuildError where a tool is missing or fails, or a kind has no kernel of the backend.
     """
     files = {kind: folder / backend / f"{kind.name}.fmu" for kind in kinds}
+    with one_thread():
+        if backend == "native":
+            native = [native_unit(kind, design, model, out) for kind, out in files.items()]
+        else:
+            contents = {kind: kind.contents(design, model) for kind in files}
     if backend == "native":
-        native = [native_unit(kind, design, model, out) for kind, out in files.items()]
         return build_native_units(native, platforms, compiler, version=version("flexbeams"))
-    units = []
-    for kind, out in files.items():
-        interface, data = kind.contents(design, model)
-        units.append(PythonUnit(kind=kind, interface=interface, data=data, out=out))
+    units = [
+        PythonUnit(kind=kind, interface=interface, data=data, out=files[kind])
+        for kind, (interface, data) in contents.items()
+    ]
     return build_python_units(units, version=version("flexbeams"))
 
 
@@ -60,19 +63,14 @@ def native_unit(
 
 def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:
     """Where the units of a design and a plant basis are kept between runs: a folder named by all they depend on."""
-    key = f"{design.design_id} {model.basis} {model.order} {toolchain_key(compiler)} {_sources_digest()}"
+    key = f"{design.design_id} {model.basis} {model.order} {toolchain_key(compiler)} {_sources_key()}"
     digest = hashlib.sha256(key.encode()).hexdigest()
     return root / f"{design.design_id[:8]}-{model.basis}-{model.order}-{digest[:16]}"
 
 
-@cache
-def _sources_digest() -> str:
-    """Hash of the sources that units are made of, and of the tool that packs those with the Python kernel."""
-    digest = hashlib.sha256(version("pythonfmu").encode())
-    for package in ("plant", "controller", "fmus"):
-        for path in sorted(p for p in (_ROOT / package).rglob("*") if p.suffix in (".py", ".c", ".h")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+def _sources_key() -> str:
+    """The sources that units are made of, and the tool that packs those with the Python kernel."""
+    return f"{version('pythonfmu')} {sources_digest('plant', 'controller', 'fmus')}"
 
 
 def ensure_units(

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import click
 
 from flexbeams.plant.temporary import sweep_temporary_folders
+from flexbeams.plant.threads import default_to_one_thread
 from flexbeams.scenarios.cli.bench import bench
 from flexbeams.scenarios.cli.build import build
 from flexbeams.scenarios.cli.cache import cache
@@ -46,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     _replace_unencodable()
     os.environ["MPLBACKEND"] = "agg"  # figures are written to files, whatever the user's default
+    default_to_one_thread()
     sweep_temporary_folders()
     arguments = None if argv is None else list(argv)
     with termination_as_interrupt() as terminated:

@@ -7,7 +7,8 @@ from os.path import isfile
 from pathlib import Path
 from typing import Any
 
-from flexbeams.controller.design import Design, compute_design
+from flexbeams.controller.design import Design
+from flexbeams.fmus.packaging.designs import cached_design
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel
@@ -171,7 +172,7 @@ def _design(
     fitting = (d for d in designs if d.structure == structure and d.options == scenario.design)
     try:
         with _enough_memory("design", source):
-            return next(fitting, None) or compute_design(structure, scenario.design)
+            return next(fitting, None) or cached_design(structure, scenario.design, settings.build_folder)
     except DesignError as error:
         raise DesignError(f"{source}: design of {structure_path}: {error}") from None
 

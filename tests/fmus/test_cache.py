@@ -2,14 +2,18 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from flexbeams.fmus.packaging import build, cache
+from flexbeams.controller.design import Design
+from flexbeams.controller.options import DesignOptions
+from flexbeams.fmus.packaging import build, cache, designs
 from flexbeams.fmus.units.beam_plant import BEAM_PLANT
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.structure import Structure
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import design_of
 
@@ -56,6 +60,40 @@ def test_a_file_is_sound_only_as_it_was_written(how: str, tmp_path: Path) -> Non
     assert not cache.is_sound(file, root)
     cache.keep(file, b"compiled code", root)
     assert cache.is_sound(file, root)
+
+
+def test_designs_are_kept_bit_by_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Computed once; again where options, structure or sources differ, or the file is damaged."""
+    computed = []
+
+    def compute(structure: Structure, options: DesignOptions) -> Design:
+        computed.append(options)
+        return design_of("single_beam")
+
+    monkeypatch.setattr(designs, "compute_design", compute)
+    root, made = tmp_path / "cache", design_of("single_beam")
+    for _ in range(2):
+        found = designs.cached_design(made.structure, made.options, root)
+        assert (found.design_id, found.summary, found.options) == (made.design_id, made.summary, made.options)
+        assert {name: a.tobytes() for name, a in found.arrays.items()} == {
+            name: a.tobytes() for name, a in made.arrays.items()
+        }
+    assert len(computed) == 1
+    [file] = cache.cached_files(root)
+    damage(file, "one bit")
+    designs.cached_design(made.structure, made.options, root)
+    designs.cached_design(made.structure, replace(made.options, sample_time=1e-4), root)
+    designs.cached_design(replace(made.structure, strain_gauge=made.structure.strain_gauge[1:]), made.options, root)
+    monkeypatch.setattr(designs, "sources_digest", lambda *packages: "other")
+    designs.cached_design(made.structure, made.options, root)
+    assert len(computed) == 5
+    assert cache.clear_cache(root) == 4
+
+
+def test_without_a_cache_designs_are_computed(tmp_path: Path) -> None:
+    (tmp_path / "cache").write_text("a file")
+    made = design_of("single_beam")
+    assert designs.cached_design(made.structure, made.options, tmp_path / "cache").design_id == made.design_id
 
 
 def test_damaged_units_are_built_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
