@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import pytest
 
@@ -73,7 +74,7 @@ class Shop:
             for k, (name, (unit, bindings)) in enumerate(components.items()):
                 archive.write(unit.write(self.folder / "unit.fmu"), f"resources/unit{k}.fmu")
                 connectors = "".join(
-                    f'<ssd:Connector name="{v.name}" kind="{v.causality}"/>'
+                    f'<ssd:Connector name={quoteattr(v.name)} kind="{v.causality}"/>'
                     for v in unit.variables
                     if v.causality in ("input", "output")
                 )
