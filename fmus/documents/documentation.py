@@ -16,6 +16,13 @@ figure { margin: 1rem 0 } code { font-size: 0.9em }
 table { border-collapse: collapse; font-size: 0.9rem; width: 100% } math { margin: 0.8rem 0; font-size: 1.15em }
 th, td { border-bottom: 1px solid #d5dbe3; padding: 0.25rem 0.6rem; text-align: left; vertical-align: top }
 th { background: #eaf1f8 } img { max-width: 100%; height: auto } summary { cursor: pointer; color: #1f3a5f }
+body > div { overflow-x: auto; overflow-y: hidden }
+td { overflow-wrap: anywhere } td:last-child { min-width: 14rem } img { background: #fff }
+@media (max-width: 560px) { table { display: block; overflow-x: auto } td { min-width: 4rem } }
+@media (prefers-color-scheme: dark) {
+  body { color: #e8eaed; background: #14171b } h1, h2, summary { color: #9dc1f0 } a { color: #7fb0ff }
+  th { background: #232a33 } th, td { border-color: #38404a }
+}
 """
 
 PAPER = (
@@ -83,7 +90,9 @@ def documentation_page(interface: Interface, picture: bytes, chapter: Chapter) -
 def html_page(title: str, parts: Iterable[str]) -> str:
     """A page in the style of the units from pieces of HTML; empty pieces are left out."""
     return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{title}</title>'
+        f'<!DOCTYPE html>\n<html lang="en">\n<head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta name="color-scheme" content="light dark"><title>{title}</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(filter(None, parts)) + "\n</body>\n</html>\n"
     )
 
@@ -92,7 +101,7 @@ def _paragraphs(text: str) -> list[str]:
     parts: list[str] = []
     for line in text.strip().splitlines():
         if line.startswith("= "):
-            parts.append(formula(line[2:]))
+            parts.append(f"<div>{formula(line[2:])}</div>")
         elif line.startswith("# "):
             parts.append(f"<h3>{escape(line[2:])}</h3>")
         elif parts and parts[-1].startswith("<p>"):

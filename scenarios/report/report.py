@@ -35,6 +35,7 @@ def report_html(run: Run) -> str:
         metrics=_metrics(run.summary["metrics"], run.summary["checks"]),
         timing=_timing(run.summary["timing"]),
         groups=groups,
+        figures=[figure.file for figure in run.scenario.figure],
         animation=moving,
         data=data,
     )

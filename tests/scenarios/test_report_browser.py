@@ -245,7 +245,7 @@ def test_theme_follows_the_system_and_the_button(opened):
     shown = opened(color_scheme="dark")
     page = shown.page
     dark = page.evaluate(background)
-    assert page.locator("#theme").get_attribute("aria-pressed") == "true"
+    assert page.locator("#theme").inner_text() == "Light theme"
     assert shown.changes(BEAMS, page.locator("#theme").click)
     assert page.evaluate(background) != dark
     assert shown.changes(PLOT, page.locator("#theme").click)
@@ -275,6 +275,40 @@ def test_print_is_light_and_has_no_controls(opened):
     assert not page.locator("#play").is_visible()
     assert not page.locator("#theme").is_visible()
     assert page.locator("#checks").is_visible()
+
+
+def test_printed_plots_are_whole(opened):
+    """On A4, whose text is 182 mm wide, each plot with its time axis is within its panel."""
+    page = opened(viewport={"width": 688, "height": 900}).page
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print")
+    page.wait_for_timeout(200)
+    wide = page.evaluate("""() => [...document.querySelectorAll(".panel")].filter(
+        p => p.querySelector("canvas").getBoundingClientRect().right > p.getBoundingClientRect().right + 1).length""")
+    assert wide == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 688
+
+
+def test_the_time_axis_has_a_unit_and_the_cursor_a_colour_of_its_own(opened):
+    page = opened().page
+    page.locator(".now").first.wait_for(state="attached")
+    colours = page.evaluate("""() => {
+        const root = getComputedStyle(document.documentElement);
+        const names = ["time", "accent", ...[1, 2, 3, 4, 5, 6].map(k => `curve-${k}`)];
+        return names.map(n => root.getPropertyValue(`--${n}`));
+    }""")
+    assert colours[0] not in colours[1:]
+    assert 'label: "time in s"' in page.content()
+
+
+def test_without_scripts_the_page_names_the_figures(browser, report, tracking):
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(report.as_uri())
+    text = page.locator("noscript").inner_text()
+    page.close()
+    assert "need JavaScript" in text
+    for figure in tracking.scenario.figure:
+        assert f"{figure.file}.png" in text
 
 
 def test_report_without_reference_and_springs(opened, run_folder, tmp_path):

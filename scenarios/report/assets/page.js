@@ -18,7 +18,7 @@ function bytes(text) {
   let chosen = null;
   const show = dark => {
     root.dataset.theme = dark ? "dark" : "light";
-    button.setAttribute("aria-pressed", dark);
+    button.textContent = dark ? "Light theme" : "Dark theme";
     Object.keys(palette).forEach(name => delete palette[name]);
     themed.forEach(draw => draw());
   };

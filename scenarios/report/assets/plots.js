@@ -10,7 +10,7 @@ const markTime = t => {
 {
   const group = uPlot.sync("time");
   const first = document.getElementById("from"), last = document.getElementById("to");
-  const HEIGHT = 190, PRINTED = 215;
+  const HEIGHT = 208, PRINTED = 215;
   let whole = [Infinity, -Infinity], shown = null, zooming = false;
 
   function zoom(low, high) {
@@ -62,12 +62,12 @@ const markTime = t => {
     const chart = new uPlot({
       width: place.clientWidth, height: HEIGHT, legend: {show: false}, padding: [10, 10, 0, 0],
       scales: {x: {time: false}},
-      axes: [{...axis, size: 28, space: 45}, {...axis, size: (u, texts) => 20 + 7.5 * Math.max(2, ...(texts ?? []).map(t => t.length))}],
+      axes: [{...axis, size: 28, space: 45, label: "time in s", labelSize: 18, labelFont: "12px system-ui, sans-serif"}, {...axis, size: (u, texts) => 20 + 7.5 * Math.max(2, ...(texts ?? []).map(t => t.length))}],
       cursor: {sync: {key: group.key, filters: {pub: type => type === "mousemove" || type === "mouseleave"}},
                drag: {x: true, y: false}, points: {size: 7}},
       series: [{}, ...panel.curves.map(curve => ({
-        label: curve.label, stroke: () => colour(`curve-${curve.colour}`) + (curve.below ? "99" : ""),
-        width: curve.below ? 3 : 1.4, spanGaps: true, points: {show: false}}))],
+        label: curve.label, stroke: () => colour(`curve-${curve.colour}`) + (curve.below ? "73" : ""),
+        width: curve.below ? 5 : 1.4, spanGaps: true, points: {show: false}}))],
       hooks: {
         setScale: [(u, key) => { if (key === "x" && !zooming && shown) zoom(u.scales.x.min, u.scales.x.max); }],
         setCursor: [u => values.forEach((value, k) => {
