@@ -47,12 +47,16 @@ class Experiment:
         return self.step * (self.rows - 1)
 
     @property
+    def rest(self) -> Array:
+        """Voltages (n_u,) at rest, V."""
+        return np.zeros(self.voltages.shape[1]) if self.rest_voltages is None else self.rest_voltages
+
+    @property
     def onset(self) -> int:
         """The first row whose inputs differ from those at rest; 0 for a free start or where none does."""
         if self.start == "free":
             return 0
-        rest = np.zeros(self.voltages.shape[1]) if self.rest_voltages is None else self.rest_voltages
-        moved = np.any(self.voltages != rest, axis=1)
+        moved = np.any(self.voltages != self.rest, axis=1)
         if self.forces is not None:
             moved |= np.any(self.forces != 0, axis=1)
         return int(np.argmax(moved))

@@ -104,8 +104,7 @@ def _realised_modes(
 def _thinned(experiment: Experiment, sensors: tuple[int, ...], stride: int) -> tuple[Array, Array]:
     """Inputs and outputs at every stride-th row after the same low-pass filter."""
     columns = [experiment.sensors.index(s) for s in sensors]
-    rest = np.zeros(experiment.voltages.shape[1]) if experiment.rest_voltages is None else experiment.rest_voltages
-    u, y = experiment.voltages - rest, experiment.outputs[:, columns]
+    u, y = experiment.voltages - experiment.rest, experiment.outputs[:, columns]
     y = y - y[0]
     if stride == 1:
         return u, y

@@ -71,7 +71,7 @@ def identify(
     used = [e for e in experiments if not e.held_back]
     search = Search(model, used, settings, notify, progress)
     rough = search.residuals_of(used, space, search.rough_deviations(), rough=True)
-    require_scale(structure, rough, np.zeros(rough.unknowns.size))
+    require_scale(structure, rough, rough.with_loads(np.zeros(rough.unknowns.size)))
     start, estimate = _coarse(search, space)
     robust = ROBUST_SCALE if settings.loss == "soft_l1" else None
     kept: list[str] = []

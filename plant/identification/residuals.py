@@ -131,6 +131,17 @@ class Residuals:
         transposed[np.arange(p), self.data_rows + np.arange(p)] = 1 / self.space.deviation
         return transposed.T
 
+    def with_loads(self, x: Array) -> Array:
+        """x (size,) with the offsets and loads, in which the prediction is linear, that fit the data best."""
+        linear = np.concatenate([np.r_[s] for s in (*self.unknowns.offsets, *self.unknowns.starts)]).astype(int)
+        if len(linear) == 0:
+            return x
+        x = x.copy()
+        x[linear] = 0
+        columns = self.jacobian(x)[:, linear]
+        x[linear] = -np.linalg.lstsq(columns, self.residuals(x), rcond=None)[0]
+        return x
+
     def delays(self, x: Array) -> Array:
         """Delays (n_all,) of the sensors at x, s."""
         if not self.sensors.fit_delays:

@@ -9,6 +9,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.identification.contradictions import require_consistent
 from flexbeams.plant.identification.estimate import Loss, Settings
 from flexbeams.plant.identification.experiment import Experiment, sensor_names
 from flexbeams.plant.identification.method import Identification
@@ -90,7 +91,8 @@ def identify(
     Raises
     ------
     InputError
-        Where a file, an option or the data break a rule, and where the common scale stays open.
+        Where a file, an option or the data break a rule, where the common scale stays open, and where sensors exchanged
+        or with another sign would explain the data far better.
 
     Examples
     --------
@@ -113,6 +115,7 @@ def identify(
     result = identified(
         beams, experiments, space, basis=basis, order=order, settings=settings, notify=notify, progress=progress
     )
+    require_consistent(result, notify)
     if out is not None:
         write_identified(start, result, Path(out))
     if report is not None:

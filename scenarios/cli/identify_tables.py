@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from flexbeams.plant.identification.contradictions import warnings_of
 from flexbeams.plant.identification.experiment import sensor_names
 from flexbeams.plant.identification.method import Identification
 from flexbeams.plant.identification.modal import modal_form
@@ -18,9 +19,10 @@ def as_table(result: Identification) -> dict[str, Any]:
     """Everything about an identification in JSON's types; deviations are relative, one standard deviation."""
     names = sensor_names(result.structure)
     before, after = (_modes(result, values) for values in _values(result))
-    error = end_error(result)
+    error, fits = end_error(result), fits_of(result)
     return {
         "interrupted": result.estimate.interrupted,
+        "warnings": warnings_of(result, fits),
         "start": {
             "method": result.start.method,
             "measured_frequencies": [] if result.start.modes is None else result.start.modes.frequencies.tolist(),
@@ -52,7 +54,7 @@ def as_table(result: Identification) -> dict[str, Any]:
         },
         "experiments": [
             {"name": fit.name, "held_back": fit.held_back, "relative_residual": fit.relative_by_sensor(names)}
-            for fit in fits_of(result)
+            for fit in fits
         ],
         "feedforward_end_error": {
             "target": error.target.tolist(),
@@ -77,7 +79,8 @@ def show_identification(result: Identification) -> None:
         size = "any" if not np.isfinite(direction.deviation) else f"{100 * direction.deviation:.0f} %"
         console.print(f"Open ({size}): {shares}", highlight=False, markup=False)
     names = sensor_names(result.structure)
-    fitted = [(fit, fit.relative_by_sensor(names)) for fit in fits_of(result)]
+    fits = fits_of(result)
+    fitted = [(fit, fit.relative_by_sensor(names)) for fit in fits]
     headers = [fit.name + (" (held back)" if fit.held_back else "") for fit, _ in fitted]
     table = Table("sensor", *map(escape, headers), title="Residual over signal, rms, %")
     for name in names:
@@ -87,6 +90,8 @@ def show_identification(result: Identification) -> None:
     error = end_error(result)
     widths = ", ".join(f"{1e3 * width:.2g}" for width in error.half_width)
     console.print(f"Predicted end error of a feedforward at the points: +- {widths} mm (95 %)", highlight=False)
+    for warning in warnings_of(result, fits):
+        console.print(f"Warning: {warning}", highlight=False, markup=False)
     weights = [n for n, weight in zip(names, result.estimate.weights, strict=True) if weight != 1]
     if weights:
         console.print(f"Less weight, residuals are no noise: {', '.join(weights)}", highlight=False, markup=False)

@@ -7,6 +7,7 @@ import numpy as np
 
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
+from flexbeams.plant.identification.contradictions import warnings_of
 from flexbeams.plant.identification.experiment import sensor_names
 from flexbeams.plant.identification.method import Identification
 from flexbeams.plant.identification.modal import modal_form
@@ -45,6 +46,7 @@ def identification_html(result: Identification) -> str:
         title="Identification",
         interrupted=result.estimate.interrupted,
         start=result.start.method,
+        warnings=warnings_of(result, fits),
         parameters=[_parameter_row(p) for p in result.parameters],
         directions=[
             {
