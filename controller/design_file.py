@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexbeams.controller.design import METHOD, Design, fingerprint
+from flexbeams.controller.design_record import METHOD, Design, fingerprint
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.archive import npz_bytes, read_arrays, write_whole
 from flexbeams.plant.basis import Array

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from flexbeams.controller.reduction import OutputWeight
+from flexbeams.controller.choices import OutputWeight
 from flexbeams.controller.transition import LOWEST_ORDER
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import InputError

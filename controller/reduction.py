@@ -1,19 +1,18 @@
 """Second-order balanced truncation (22)-(30), with a static correction that the paper omits."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov, svd
 
 from flexbeams.controller.canonical import Coordinates, canonical_coordinates
+from flexbeams.controller.choices import OutputWeight
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.statespace import static_gains
 
-OutputWeight = Literal["identity", "energy"]
 ENERGY_MODES = 30  # undamped modes retained before balancing in the energy norm, at least
 ENERGY_RESERVE = 1.2  # and at least so many times the states that are retained
 NEGLIGIBLE_HANKEL = 1e-7  # relative; smaller singular values are rounding: square roots of Gramians accurate to 1e-16

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from flexbeams.controller.closed_loop import SampledController, sampled_controller
-from flexbeams.controller.design import Design, reduced_with
+from flexbeams.controller.computation import reduced_with
+from flexbeams.controller.design import Design
 from flexbeams.controller.gains import control_arrays, offset_gain
 from flexbeams.controller.modal_loop import DisturbedPlant, ModalLoop, Response
 from flexbeams.controller.offsets import uncertainty_of

@@ -1,7 +1,6 @@
 """Reference results of BeamPlant, by the eigenvalues of its matrix where the kernels exponentiate matrices."""
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular, svd
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.references.experiments import Experiment, Series, alternating, jumps, names_of
@@ -70,6 +69,8 @@ def plant_response(
     matrix, x(t) = x(start) + W (exp(Lambda (t - start)) - 1) W^-1 (x(start) - x_s). At the first start it is at rest
     under the voltages given (n_u,).
     """
+    from scipy.linalg import cholesky, solve_triangular, svd  # only units that are built need it
+
     n, n_u = system.L.shape
     R_M, R_K = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
     U, omega, Vt = svd(solve_triangular(R_M, R_K, lower=True))  # q = R_K^-T V (Omega eta)

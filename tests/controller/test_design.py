@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from flexbeams.controller.canonical import RELIABLE_GAP
-from flexbeams.controller.design import Design, compute_design, fingerprint, identify
+from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.design_file import read_design, write_design
+from flexbeams.controller.design_record import fingerprint, identify
 from flexbeams.controller.options import DesignOptions, Weights
 from flexbeams.plant.archive import npz_bytes, read_arrays
 from flexbeams.plant.errors import DesignError, InputError
@@ -188,7 +189,7 @@ def test_id_is_that_of_the_inputs_where_coordinates_are_reliable(monkeypatch: py
     """Not of the arrays' last bits; but of the method's version."""
     assert design().design_id == identify(KIEL, DesignOptions(), {})
     assert design().summary["truncation_gap"] > RELIABLE_GAP
-    monkeypatch.setattr("flexbeams.controller.design.METHOD", 10**6)
+    monkeypatch.setattr("flexbeams.controller.design_record.METHOD", 10**6)
     assert identify(KIEL, DesignOptions(), {}) != design().design_id
 
 

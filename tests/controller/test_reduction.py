@@ -12,9 +12,10 @@ from pymor.core.logger import set_log_levels
 from pymor.models.iosys import LTIModel
 from scipy.linalg import block_diag, cholesky, solve_triangular, svd
 
+from flexbeams.controller.choices import OutputWeight
 from flexbeams.controller.design import compute_design
 from flexbeams.controller.options import DesignOptions
-from flexbeams.controller.reduction import ENERGY_MODES, OutputWeight, ReducedModel, reduce
+from flexbeams.controller.reduction import ENERGY_MODES, ReducedModel, reduce
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from flexbeams.controller.choices import OutputWeight
 from flexbeams.controller.design import compute_design
 from flexbeams.controller.options import DesignOptions
-from flexbeams.controller.reduction import OutputWeight, reduce
+from flexbeams.controller.reduction import reduce
 from flexbeams.controller.retained_modes import missing_mode_warnings, missing_modes
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.statespace import undamped_frequencies
