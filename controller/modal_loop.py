@@ -14,7 +14,7 @@ from flexbeams.plant.galerkin import BeamModel
 DIRECT_TIME = 0.2  # s after the last force for which every sample is computed
 COARSE_STEP = 2e-3  # s between the instants from then on
 NEGLIGIBLE = 1e-7  # of the largest value: modes that are smaller after DIRECT_TIME are left out
-_PER_DECADE = 25
+_PER_DECADE = 80
 _HIGHEST = 5e3  # rad/s: sensitivities are close to I beyond
 
 

@@ -129,6 +129,24 @@ class TuningProblem:
         published = Weights()
         return replace(published, **{name: float(f"{getattr(published, name) * 10**x:.3g}") for name, x in factors})
 
+    def decades(self) -> list[float]:
+        """Decades that stand for the design's own weights, within the bounds."""
+        own, published = self.design.options.weights, Weights()
+
+        def effective(weights: Weights) -> list[float]:
+            filter_scale = weights.kalman_q_total / weights.kalman_measurement
+            regulator_scale = weights.lqr_q_total / weights.lqr_input
+            return [
+                filter_scale * weights.kalman_q_position,
+                filter_scale * weights.kalman_q_velocity,
+                regulator_scale * weights.lqr_q_position,
+                regulator_scale * max(weights.lqr_q_velocity, 1e-12),
+                weights.offset_time_constant,
+            ]
+
+        ratios = np.log10(np.divide(effective(own), effective(published)))[: len(self.bounds)]
+        return [float(np.clip(x, low, high)) for x, (low, high) in zip(ratios, self.bounds, strict=True)]
+
     def controller(self, weights: Weights) -> SampledController:
         """The sampled controller with other weights and the design's integral gain."""
         options = replace(self.design.options, weights=weights)

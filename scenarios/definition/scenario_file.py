@@ -18,6 +18,7 @@ TOUR = (  # order of the shipped scenarios in a list; others follow by name
     "tracking",
     "disturbance_open_loop",
     "disturbance",
+    "disturbance_tuned",
     "retarget",
     "high_fidelity",
     "high_fidelity_exact_statics",

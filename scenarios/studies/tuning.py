@@ -1,7 +1,7 @@
 """Search for weights by differential evolution, from a scenario's disturbance to verified designs; resumable.
 
 scipy's differential evolution minimises log(worst decay) + p log(noise voltage) for several prices p of noise; every
-candidate goes into a log, and the Pareto front is that of all of them. The same seed proposes the same candidates, so
+candidate goes into a log, and the Pareto front is that of all of them. The scenario's own weights are among the first. The same seed proposes the same candidates, so
 that a search that was interrupted reads from its log what it has evaluated before.
 """
 
@@ -222,6 +222,7 @@ def _search(problem: TuningProblem, log: CandidateLog, evaluations: int, progres
             mutation=(0.4, 0.9),
             polish=False,
             tol=0.0,
+            x0=problem.decades(),
             seed=problem.requirements.seed + k,
         )
     return candidates

@@ -16,7 +16,7 @@ from flexbeams.controller.closed_loop import (
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from tests.helpers import design_of
-from tests.oracles.monolithic import largest_difference, loop_matrices, plant_matrices, simulate
+from tests.oracles.monolithic import largest_difference, plant_matrices, recursion_matrix, simulate
 
 SAMPLE = 2e-4
 
@@ -29,25 +29,8 @@ def plant(basis: BasisName, structure: str = "kiel") -> SampledPlant:
 def oracle_poles(structure: str, basis: BasisName, integral_gain: float) -> Array:
     """Poles of the oracle's recursion, written apart: state (plant, x_est, integral, u)."""
     made = design_of(structure)
-    matrices = plant_matrices(made.model(basis), SAMPLE)
-    loop = loop_matrices(made, integral_gain)
-    n, (m, n_u), n_pm = len(matrices.A), made.arrays["B_d"].shape, len(made.arrays["H_pm"])
-    s = slice(0, m + 2 * n_u)
-    gauges = slice(m + 2 * n_u, m + 2 * n_u + n_pm)
-    keep = np.hstack([np.zeros((n_u, m)), np.eye(n_u), np.zeros((n_u, n_u))])
-    integral = loop.growth[:, s] + keep
-    rows = [
-        np.hstack([matrices.A, np.zeros((n, m + n_u)), matrices.B]),
-        *(
-            np.hstack([matrix[:, gauges] @ matrices.y_pm, own])
-            for matrix, own in (
-                (loop.estimate, loop.estimate[:, s]),
-                (loop.growth, integral),
-                (loop.wanted, loop.wanted[:, s]),
-            )
-        ),
-    ]
-    return np.asarray(np.log(np.linalg.eigvals(np.vstack(rows)).astype(complex)) / SAMPLE)
+    matrix = recursion_matrix(made, plant_matrices(made.model(basis), SAMPLE), integral_gain)
+    return np.asarray(np.log(np.linalg.eigvals(matrix).astype(complex)) / SAMPLE)
 
 
 @pytest.mark.parametrize("basis", ["clamped_free", "segment"])

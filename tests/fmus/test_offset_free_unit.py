@@ -98,6 +98,29 @@ def test_runs_the_equations(backend: str, limit: float) -> None:
     assert np.abs(expected[:, 38:]).max() > 1e-6
 
 
+@pytest.mark.native
+@needs_zig
+def test_native_and_python_unit_agree() -> None:
+    """Every variable after each of 1000 steps, to 1e-12 of its largest value; voltages reach their limit."""
+    y_pm, u_ff, x_ref = signals(40)
+    records = []
+    for backend in ("native", "python"):
+        with loaded(unit_folder(backend)) as unit:
+            unit.begin(u_ff=u_ff[0], x_ref=x_ref[0], voltage_limit=400.0)
+            rows = []
+            for k in range(1000):
+                if k % 25 == 0:
+                    unit.put("y_pm", y_pm[k // 25])
+                    unit.put("u_ff", u_ff[k // 25])
+                    unit.put("x_ref", x_ref[k // 25])
+                unit.advance(SAMPLE)
+                rows.append(unit.everything())
+        records.append(np.array(rows))
+    largest = np.max(np.abs(records[1]), axis=0)
+    deviation = np.max(np.abs(records[0] - records[1]), axis=0) / np.where(largest > 0, largest, 1.0)
+    assert deviation.max() < 1e-12
+
+
 @backends
 def test_a_saved_state_has_the_offsets(backend: str) -> None:
     y_pm, u_ff, x_ref = signals(60)

@@ -172,6 +172,27 @@ def loop_matrices(design: Design, integral_gain: float) -> LoopMatrices:
     return LoopMatrices(estimate=estimate, wanted=wanted, growth=growth)
 
 
+def recursion_matrix(design: Design, plant: PlantMatrices, integral_gain: float) -> Real:
+    """One sample of the loop without saturation and references as a matrix of (plant, x_est, integral, u)."""
+    loop = loop_matrices(design, integral_gain)
+    n, (m, n_u), n_pm = len(plant.A), design.arrays["B_d"].shape, len(design.arrays["H_pm"])
+    s = slice(0, m + 2 * n_u)
+    gauges = slice(m + 2 * n_u, m + 2 * n_u + n_pm)
+    keep = np.hstack([np.zeros((n_u, m)), np.eye(n_u), np.zeros((n_u, n_u))])
+    rows = [
+        np.hstack([plant.A, np.zeros((n, m + n_u)), plant.B]),
+        *(
+            np.hstack([matrix[:, gauges] @ plant.y_pm, own])
+            for matrix, own in (
+                (loop.estimate, loop.estimate[:, s]),
+                (loop.growth, loop.growth[:, s] + keep),
+                (loop.wanted, loop.wanted[:, s]),
+            )
+        ),
+    ]
+    return np.vstack(rows)
+
+
 def simulate(
     design: Design,
     model: BeamModel,

@@ -27,6 +27,7 @@ NAMES = (
     "tracking",
     "disturbance_open_loop",
     "disturbance",
+    "disturbance_tuned",
     "retarget",
     "high_fidelity",
     "high_fidelity_exact_statics",

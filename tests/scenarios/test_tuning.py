@@ -1,6 +1,7 @@
 """The verb `tune`: figures of candidates against runs, the front, resuming, the page, and what is refused."""
 
 import json
+import os
 import re
 import shutil
 import tomllib
@@ -11,20 +12,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexbeams.controller.closed_loop import sampled_controller
-from flexbeams.controller.design import compute_design
+from flexbeams.controller.analysis import loop_of
+from flexbeams.controller.closed_loop import closed_loop_poles, sampled_controller, sampled_plant
+from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.loop import Loop
 from flexbeams.controller.margins import loop_margins
 from flexbeams.controller.modal_loop import DisturbedPlant, ModalLoop
 from flexbeams.controller.options import DesignOptions, Weights
+from flexbeams.controller.static_error import random_parameters
 from flexbeams.controller.tuning import Candidate, Requirements, TuningProblem, pareto_front
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.plant.validation import validate
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.scenario_file import load_scenario
 from tests.helpers import design_of, made_once
 from tests.oracles.monolithic import simulate
 
 SAMPLE = 2e-4
+PLANTS = 200 if os.environ.get("FLEXBEAMS_ROBUSTNESS") == "full" else 20  # uncertain ones
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 QUICK = ["--evaluations", "100", "--plants", "2"]
 # A blow on the single beam
@@ -61,6 +66,13 @@ def blow(steps: int, beams: int) -> np.ndarray:
     force = np.zeros((steps, beams))
     force[5:25, -1] = 1.0
     return force
+
+
+@cache
+def tuned() -> Design:
+    """The design of disturbance_tuned."""
+    file = load_scenario("disturbance_tuned")
+    return compute_design(read_structure(find_structure("kiel")), file.scenario.design)
 
 
 @cache
@@ -134,6 +146,17 @@ def test_requirements_count_as_violations() -> None:
     assert unstable.violation >= 10
 
 
+def test_decades_of_a_design_are_those_of_its_effective_weights() -> None:
+    made = design_of("single_beam")
+    problem = TuningProblem(made, made.model(), {}, blow(100, 1), 2.0, Requirements(plants=1))
+    assert problem.decades() == [0.0] * 4
+    other = Weights(kalman_measurement=2.0, lqr_q_total=20.0, lqr_q_velocity=1e-2)
+    problem.design = replace(made, options=replace(made.options, weights=other))
+    assert problem.decades() == pytest.approx([1.0, 1.0, -1.0, 0.0])
+    chosen = problem.weights(problem.decades())
+    assert problem.evaluate(chosen).figures()["decay"] == pytest.approx(problem.evaluate(other).decay, rel=1e-9)
+
+
 def test_search_writes_a_design_section_and_a_page(tmp_path: Path) -> None:
     """The section is one of a scenario; all candidates are in the log, on the front only verified ones."""
     folder = searched()
@@ -202,3 +225,17 @@ def test_every_point_is_one_click_from_its_response() -> None:
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         assert not complaints
         browser.close()
+
+
+def test_disturbance_tuned_is_stable_on_uncertain_plants_with_delay_and_little_noise() -> None:
+    """All parameters +-10 %; two samples more of delay on both plants; 0.3 V at 2e-7."""
+    made = tuned()
+    controller = sampled_controller(made.arrays, made.integral_gain)
+    model, values = made.model(), made.structure.parameters()
+    for parameters in random_parameters(values, dict.fromkeys(values, 0.1), PLANTS, seed=11):
+        assert closed_loop_poles(controller, sampled_plant(model, SAMPLE, parameters))[0].real < -0.1
+    for basis in ("clamped_free", "segment"):
+        plant = sampled_plant(made.model(basis), SAMPLE)  # type: ignore[arg-type]
+        assert closed_loop_poles(controller, plant, extra_delay=2)[0].real < -0.1
+        assert 2e-7 * loop_of(made, plant).noise_gain().max() < 0.3
+        assert loop_margins(loop_of(made, plant)).disk.alpha >= 0.8
