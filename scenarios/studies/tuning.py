@@ -1,8 +1,9 @@
 """Search for weights by differential evolution, from a scenario's disturbance to verified designs; resumable.
 
-scipy's differential evolution minimises log(worst decay) + p log(noise voltage) for several prices p of noise; every
-candidate goes into a log, and the Pareto front is that of all of them. The scenario's own weights are among the first. The same seed proposes the same candidates, so
-that a search that was interrupted reads from its log what it has evaluated before.
+scipy's differential evolution minimises log(worst decay) + p log(noise voltage) for several prices p of noise, starting
+from the scenario's own weights among others. Every candidate goes into a log, and the Pareto front is that of all of
+them. The same seed proposes the same candidates, so that a search that was interrupted reads from its log what it has
+evaluated before.
 """
 
 import hashlib
