@@ -14,7 +14,7 @@ from flexbeams.fmus.packaging.single_file import single_file
 from flexbeams.fmus.packaging.sources import sources_digest
 from flexbeams.fmus.references.results import reference_results
 from flexbeams.fmus.units.catalogue import CATALOGUE
-from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.kind import UnitKind, with_real_flags
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.threads import one_thread
 
@@ -28,11 +28,13 @@ def build_units(
     backend: Backend = "native",
     platforms: Sequence[str] = ("host",),
     compiler: str = "zig",
+    flags_as_real: bool = False,
 ) -> list[Path]:
     """Builds units into folder/<backend>/<kind>.fmu and returns the files.
 
     `model` is the plant's, of the design's structure and any basis. `platforms` and `compiler` are for native units,
-    see build_native_units. Raises BuildError where a tool is missing or fails, or a kind has no kernel of the backend.
+    see build_native_units. With `flags_as_real` Boolean outputs and locals are Real, 0 or 1. Raises BuildError where a
+    tool is missing or fails, or a kind has no kernel of the backend.
     """
     files = {kind: folder / backend / f"{kind.name}.fmu" for kind in kinds}
     with one_thread():
@@ -41,9 +43,12 @@ def build_units(
         else:
             contents = {kind: kind.contents(design, model) for kind in files}
     if backend == "native":
+        native = [unit.with_real_flags() for unit in native] if flags_as_real else native
         return build_native_units(native, platforms, compiler, version=version("flexbeams"))
     units = [
-        PythonUnit(kind=kind, interface=interface, data=data, out=files[kind])
+        PythonUnit(
+            kind=kind, interface=with_real_flags(interface) if flags_as_real else interface, data=data, out=files[kind]
+        )
         for kind, (interface, data) in contents.items()
     ]
     return build_python_units(units, version=version("flexbeams"))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from flexbeams.fmus.python.kernel import UnitError
+from flexbeams.fmus.python.kernel import CallError, UnitError
 
 PHASES = ("just instantiated", "in initialization mode", "initialised", "terminated")
 INSTANTIATED, INITIALISING, STEPPING, TERMINATED = range(4)
@@ -19,30 +19,30 @@ def require_phase(function: str, needed: int, phase: int) -> None:
 
 
 def variable_of(variables: Sequence[dict[str, Any]], reference: int, kind: str) -> dict[str, Any]:
-    """The variable of a value reference; UnitError where there is none or it is not of the type `kind`."""
+    """The variable of a value reference; CallError where there is none or it is not of the type `kind`."""
     if not 0 <= reference < len(variables):
         unsigned = reference % 2**32
-        raise UnitError(f"value reference must be within 0..{len(variables) - 1}, got {unsigned}")
+        raise CallError(f"value reference must be within 0..{len(variables) - 1}, got {unsigned}")
     variable = variables[reference]
     if variable["type"] != kind:
-        raise UnitError(f"{variable['name']} is {variable['type']}, got a call for {kind}")
+        raise CallError(f"{variable['name']} is {variable['type']}, got a call for {kind}")
     return variable
 
 
 def require_settable(variable: dict[str, Any], value: Any, phase: int) -> None:
-    """Refuse what may not be set now, and values that are not finite or, of a parameter, out of bounds."""
+    """CallError for what may not be set now, and for values that are not finite or, of a parameter, out of bounds."""
     name, causality = variable["name"], variable["causality"]
     if causality not in ("input", "parameter"):
-        raise UnitError(f"{name} is {causality} and cannot be set, got {value!r}")
+        raise CallError(f"{name} is {causality} and cannot be set, got {value!r}")
     if variable["variability"] == "fixed" and phase == STEPPING:
-        raise UnitError(f"{name} is fixed and cannot be set after initialisation, got {value!r}")
+        raise CallError(f"{name} is fixed and cannot be set after initialisation, got {value!r}")
     if variable["type"] == "String":
         return
     if not math.isfinite(value):
-        raise UnitError(f"{name} must be finite, got {value!r}")
+        raise CallError(f"{name} must be finite, got {value!r}")
     if causality == "parameter":
         minimum, maximum = variable.get("minimum"), variable.get("maximum")
         if minimum is not None and value < minimum:
-            raise UnitError(f"{name} must be >= {minimum!r}, got {value!r}")
+            raise CallError(f"{name} must be >= {minimum!r}, got {value!r}")
         if maximum is not None and value > maximum:
-            raise UnitError(f"{name} must be <= {maximum!r}, got {value!r}")
+            raise CallError(f"{name} must be <= {maximum!r}, got {value!r}")

@@ -21,6 +21,10 @@ class UnitError(Exception):
         return str(self)
 
 
+class CallError(UnitError):
+    """A call that sets or gets variables and is refused: it has changed nothing, and the instance goes on."""
+
+
 class Kernel(ABC):
     """The mathematics of a unit, by four hooks.
 

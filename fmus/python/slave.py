@@ -36,7 +36,7 @@ from flexbeams.fmus.python.checks import (
     require_settable,
     variable_of,
 )
-from flexbeams.fmus.python.kernel import Kernel, UnitError, failure_text, one_line
+from flexbeams.fmus.python.kernel import CallError, Kernel, UnitError, failure_text, one_line
 from flexbeams.fmus.python.snapshot import pack_state, unpack_state
 from flexbeams.fmus.python.tables import read_tables
 
@@ -253,7 +253,7 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
 
     def _set(self, kind: str, references: list[int], values: Sequence[Any]) -> None:
         if self._phase == TERMINATED:
-            raise UnitError("no variable can be set after fmi2Terminate")
+            raise CallError("no variable can be set after fmi2Terminate")
         variables = [variable_of(self._tables.variables, reference, kind) for reference in references]
         for variable, value in zip(variables, values, strict=True):
             require_settable(variable, value, self._phase)
@@ -268,13 +268,14 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         self._stale = True
 
     def _fail(self, error: BaseException) -> NoReturn:
-        """Mark the instance as failed, after which it steps no more, and raise with spare references.
+        """Raise with spare references; but for a CallError the instance has failed and steps no more.
 
         Lines still in the queue join the error's text: to read them while the error is pending would lose it.
         """
         text = "; ".join([*(line.msg for line in self.log_queue), one_line(failure_text(error))])
         self.log_queue.clear()
-        self._failure = self._failure or text
+        if not isinstance(error, CallError):
+            self._failure = self._failure or text
         for released in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(released))
         raise UnitError(text) from None

@@ -21,6 +21,7 @@ def build(
     backend: Backend = "native",
     platforms: Sequence[str] = ("host",),
     compiler: str = "zig",
+    flags_as_real: bool = False,
 ) -> list[Path]:
     """Builds FMUs of a design; those of one design belong together.
 
@@ -39,6 +40,9 @@ def build(
         Binaries in native units: `host`, `all`, or names as in `flexbeams build --help`.
     compiler
         C compiler of native units: `zig`, or one of the system's.
+    flags_as_real
+        Boolean outputs (`moving`, `saturated`) as Real, 0 or 1, for hosts that know only Real; such units carry no
+        reference results.
 
     Returns
     -------
@@ -56,8 +60,16 @@ def build(
     if backend not in BACKENDS:
         raise InputError("backend", f"must be one of {', '.join(BACKENDS)}", backend)
     computed = design.computed if isinstance(design, DesignView) else design
-    model = computed.model()
-    files = build_units(kinds, computed, model, Path(folder), backend=backend, platforms=platforms, compiler=compiler)
+    files = build_units(
+        kinds,
+        computed,
+        computed.model(),
+        Path(folder),
+        backend=backend,
+        platforms=platforms,
+        compiler=compiler,
+        flags_as_real=flags_as_real,
+    )
     for file in files:
         _require_references(file)
     return files

@@ -5,7 +5,14 @@ from typing import Any
 
 import click
 
-from flexbeams.scenarios.cli.options import BASIS, chosen_structure, compiler_option, say, structure_option
+from flexbeams.scenarios.cli.options import (
+    BASIS,
+    chosen_structure,
+    compiler_option,
+    flags_option,
+    say,
+    structure_option,
+)
 from flexbeams.scenarios.definition.choices import BACKENDS
 
 
@@ -31,6 +38,7 @@ from flexbeams.scenarios.definition.choices import BACKENDS
     "aarch64-darwin. Repeatable.",
 )
 @compiler_option
+@flags_option
 @click.option(
     "--out",
     "folder",

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from flexbeams.scenarios.cli.options import compiler_option, note, say, scenario_options
+from flexbeams.scenarios.cli.options import compiler_option, flags_option, note, say, scenario_options
 from flexbeams.scenarios.definition.choices import EXPORT_SUFFIXES, SSP_VERSIONS, WIRING_TOOLS
 
 
@@ -64,7 +64,7 @@ from flexbeams.scenarios.definition.choices import EXPORT_SUFFIXES, SSP_VERSIONS
     type=click.Choice(WIRING_TOOLS),
     help="A folder with the units and their wiring for a tool without SSP. Repeatable.",
 )
-@click.option("--flags-as-real", is_flag=True, help="Boolean outputs as Real, 0 or 1, for hosts that know only Real.")
+@flags_option
 def export(scenario: str, out: Path | None, overrides: dict[str, Any], **options: Any) -> int:
     """Write a scenario for other tools: the closed loop, complete in one file or folder."""
     from flexbeams.scenarios.api.exports import export as write

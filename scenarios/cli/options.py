@@ -81,6 +81,10 @@ cache_option = click.option(
     help="Folder where built units are kept. [default: $FLEXBEAMS_CACHE, else the user's cache]",
 )
 
+flags_option = click.option(
+    "--flags-as-real", is_flag=True, help="Boolean outputs as Real, 0 or 1, for hosts that know only Real."
+)
+
 
 def _set_max_size(context: click.Context, parameter: click.Parameter, value: float | None) -> None:
     """For this call and the processes that it starts."""

@@ -28,36 +28,28 @@ static bool check_references(Instance *instance, const fmi2ValueReference refere
                              const void *values)
 {
     if (count > 0 && (references == NULL || values == NULL)) {
-        refuse_null(instance, references == NULL ? "vr" : "value");
+        decline_null(instance, references == NULL ? "vr" : "value");
         return false;
     }
     const UnitDescription *const unit = instance->description;
     if (count > unit->variable_count) {
-        refuse(instance, "nvr must be <= %zu, the number of variables, got %zu", unit->variable_count, count);
+        decline(instance, "nvr must be <= %zu, the number of variables, got %zu", unit->variable_count, count);
         return false;
     }
     for (size_t k = 0; k < count; k++) {
         const fmi2ValueReference reference = references[k];
         if (reference >= unit->variable_count) {
-            refuse(instance, "value reference must be within 0..%zu, got %zu", unit->variable_count - 1,
-                   (size_t)reference);
+            decline(instance, "value reference must be within 0..%zu, got %zu", unit->variable_count - 1,
+                    (size_t)reference);
             return false;
         }
         const VariableType own = type_of(unit, reference);
         if (own != type) {
-            refuse(instance, "%s is %s, got a call for %s", unit->variables[reference].name, types[own], types[type]);
+            decline(instance, "%s is %s, got a call for %s", unit->variables[reference].name, types[own], types[type]);
             return false;
         }
     }
     return true;
-}
-
-static bool readable(Instance *instance, const fmi2ValueReference references[], size_t count, VariableType type,
-                     const void *values)
-{
-    if (!check_references(instance, references, count, type, values))
-        return false;
-    return instance->now.phase != INITIALISING || refresh(instance);
 }
 
 /* The quick way for what hosts do at every step: consecutive Real variables, whose kinds agree with `kind` in the bits
@@ -78,76 +70,89 @@ static bool is_run(const UnitDescription *unit, const fmi2ValueReference referen
     return (mismatch | kind_mismatch) == 0;
 }
 
+/* Value k of a call, for the variable of a reference. */
+static void put_value(const Instance *instance, fmi2ValueReference reference, VariableType type, void *values, size_t k)
+{
+    const UnitDescription *const unit = instance->description;
+    const double value = instance->unit.values[reference];
+    switch (type) {
+    case REAL:
+        ((fmi2Real *)values)[k] = value;
+        break;
+    case INTEGER:
+        ((fmi2Integer *)values)[k] = (fmi2Integer)value;
+        break;
+    case BOOLEAN:
+        ((fmi2Boolean *)values)[k] = value != 0.0 ? fmi2True : fmi2False;
+        break;
+    case STRING:
+        ((fmi2String *)values)[k] = unit->texts[(size_t)unit->variables[reference].start];
+        break;
+    }
+}
+
+static fmi2Status get_values(fmi2Component component, const char *function, const fmi2ValueReference references[],
+                             size_t count, VariableType type, void *values)
+{
+    Instance *const instance = begin_call(component, function);
+    if (instance == NULL || !check_references(instance, references, count, type, values) ||
+        (instance->now.phase == INITIALISING && !refresh(instance)))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++) {
+        if (instance->description->kinds[references[k]] & DEFERRED)
+            complete(instance);
+        put_value(instance, references[k], type, values, k);
+    }
+    return fmi2OK;
+}
+
 fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t count, fmi2Real values[])
 {
-    Instance *const instance = begin_call(component, "fmi2GetReal");
+    const Instance *const instance = component;
     if (instance != NULL && instance->now.phase != INITIALISING && values != NULL &&
         is_run(instance->description, references, count, TYPE_MASK | DEFERRED, REAL)) {
         memcpy(values, instance->unit.values + references[0], count * sizeof *values);
         return fmi2OK;
     }
-    if (instance == NULL || !readable(instance, references, count, REAL, values))
-        return fmi2Error;
-    for (size_t k = 0; k < count; k++) {
-        if (instance->description->kinds[references[k]] & DEFERRED)
-            complete(instance);
-        values[k] = instance->unit.values[references[k]];
-    }
-    return fmi2OK;
+    return get_values(component, "fmi2GetReal", references, count, REAL, values);
 }
 
 fmi2Status fmi2GetInteger(fmi2Component component, const fmi2ValueReference references[], size_t count,
                           fmi2Integer values[])
 {
-    Instance *const instance = begin_call(component, "fmi2GetInteger");
-    if (instance == NULL || !readable(instance, references, count, INTEGER, values))
-        return fmi2Error;
-    for (size_t k = 0; k < count; k++)
-        values[k] = (fmi2Integer)instance->unit.values[references[k]];
-    return fmi2OK;
+    return get_values(component, "fmi2GetInteger", references, count, INTEGER, values);
 }
 
 fmi2Status fmi2GetBoolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
                           fmi2Boolean values[])
 {
-    Instance *const instance = begin_call(component, "fmi2GetBoolean");
-    if (instance == NULL || !readable(instance, references, count, BOOLEAN, values))
-        return fmi2Error;
-    for (size_t k = 0; k < count; k++)
-        values[k] = instance->unit.values[references[k]] != 0.0 ? fmi2True : fmi2False;
-    return fmi2OK;
+    return get_values(component, "fmi2GetBoolean", references, count, BOOLEAN, values);
 }
 
 fmi2Status fmi2GetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
                          fmi2String values[])
 {
-    Instance *const instance = begin_call(component, "fmi2GetString");
-    if (instance == NULL || !readable(instance, references, count, STRING, values))
-        return fmi2Error;
-    const UnitDescription *const unit = instance->description;
-    for (size_t k = 0; k < count; k++)
-        values[k] = unit->texts[(size_t)unit->variables[references[k]].start];
-    return fmi2OK;
+    return get_values(component, "fmi2GetString", references, count, STRING, values);
 }
 
 /* A refusal that ends in the refused value, as its type is written. */
-static bool refuse_value(Instance *instance, fmi2ValueReference reference, const char *rule, const double *bound,
-                         double value, const char *text)
+static bool decline_value(Instance *instance, fmi2ValueReference reference, const char *rule, const double *bound,
+                          double value, const char *text)
 {
     const char *const name = instance->description->variables[reference].name;
     const VariableType type = type_of(instance->description, reference);
     if (bound != NULL && type == INTEGER)
-        refuse(instance, "%s %s %d, got %d", name, rule, (int)*bound, (int)value);
+        decline(instance, "%s %s %d, got %d", name, rule, (int)*bound, (int)value);
     else if (bound != NULL)
-        refuse(instance, "%s %s %r, got %r", name, rule, *bound, value);
+        decline(instance, "%s %s %r, got %r", name, rule, *bound, value);
     else if (type == STRING)
-        refuse(instance, "%s %s, got %q", name, rule, text == NULL ? "NULL" : text);
+        decline(instance, "%s %s, got %q", name, rule, text == NULL ? "NULL" : text);
     else if (type == BOOLEAN)
-        refuse(instance, "%s %s, got %s", name, rule, value != 0.0 ? "True" : "False");
+        decline(instance, "%s %s, got %s", name, rule, value != 0.0 ? "True" : "False");
     else if (type == INTEGER)
-        refuse(instance, "%s %s, got %d", name, rule, (int)value);
+        decline(instance, "%s %s, got %d", name, rule, (int)value);
     else
-        refuse(instance, "%s %s, got %r", name, rule, value);
+        decline(instance, "%s %s, got %r", name, rule, value);
     return false;
 }
 
@@ -161,19 +166,19 @@ static bool settable(Instance *instance, fmi2ValueReference reference, double va
         char rule[48] = "is ";
         strcat(rule, causalities[causality]);
         strcat(rule, " and cannot be set");
-        return refuse_value(instance, reference, rule, NULL, value, text);
+        return decline_value(instance, reference, rule, NULL, value, text);
     }
     if ((unit->kinds[reference] & FIXED) != 0 && instance->now.phase == STEPPING)
-        return refuse_value(instance, reference, fixed, NULL, value, text);
+        return decline_value(instance, reference, fixed, NULL, value, text);
     if (!isfinite(value))
-        return refuse_value(instance, reference, "must be finite", NULL, value, text);
+        return decline_value(instance, reference, "must be finite", NULL, value, text);
     if (causality == INPUT)
         return true;
     const Variable *const variable = &unit->variables[reference];
     if (value < variable->minimum)
-        return refuse_value(instance, reference, "must be >=", &variable->minimum, value, text);
+        return decline_value(instance, reference, "must be >=", &variable->minimum, value, text);
     if (value > variable->maximum)
-        return refuse_value(instance, reference, "must be <=", &variable->maximum, value, text);
+        return decline_value(instance, reference, "must be <=", &variable->maximum, value, text);
     return true;
 }
 
@@ -182,7 +187,7 @@ static bool writable(Instance *instance, const fmi2ValueReference references[], 
                      const void *values)
 {
     if (instance->now.phase == TERMINATED) {
-        refuse(instance, "no variable can be set after fmi2Terminate");
+        decline(instance, "no variable can be set after fmi2Terminate");
         return false;
     }
     return check_references(instance, references, count, type, values);
@@ -196,66 +201,71 @@ static bool all_finite(const double values[], size_t count)
     return overflow == 0;
 }
 
+/* Value k of a call as units hold it; texts have none. */
+static double value_of(VariableType type, const void *values, size_t k)
+{
+    switch (type) {
+    case REAL:
+        return ((const fmi2Real *)values)[k];
+    case INTEGER:
+        return ((const fmi2Integer *)values)[k];
+    case BOOLEAN:
+        return ((const fmi2Boolean *)values)[k] != fmi2False;
+    case STRING:
+        break;
+    }
+    return 0.0;
+}
+
+/* All values, or none where one of them is refused. */
+static fmi2Status set_values(fmi2Component component, const char *function, const fmi2ValueReference references[],
+                             size_t count, VariableType type, const void *values)
+{
+    Instance *const instance = begin_call(component, function);
+    if (instance == NULL || !writable(instance, references, count, type, values))
+        return fmi2Error;
+    for (size_t k = 0; k < count; k++) {
+        const char *const text = type == STRING ? ((const fmi2String *)values)[k] : NULL;
+        if (!settable(instance, references[k], value_of(type, values, k), text))
+            return fmi2Error;
+    }
+    for (size_t k = 0; k < count; k++)
+        instance->unit.values[references[k]] = value_of(type, values, k);
+    instance->stale = true;
+    return fmi2OK;
+}
+
 fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
                        const fmi2Real values[])
 {
-    Instance *const instance = begin_call(component, "fmi2SetReal");
-    if (instance == NULL)
-        return fmi2Error;
-    if (instance->now.phase != TERMINATED && values != NULL &&
+    Instance *const instance = component;
+    if (instance != NULL && instance->now.phase != TERMINATED && values != NULL &&
         is_run(instance->description, references, count, UCHAR_MAX, REAL | INPUT << CAUSALITY_SHIFT) &&
         all_finite(values, count)) {
         memcpy(instance->unit.values + references[0], values, count * sizeof *values);
         instance->stale = true;
         return fmi2OK;
     }
-    if (!writable(instance, references, count, REAL, values))
-        return fmi2Error;
-    for (size_t k = 0; k < count; k++)
-        if (!settable(instance, references[k], values[k], NULL))
-            return fmi2Error;
-    for (size_t k = 0; k < count; k++)
-        instance->unit.values[references[k]] = values[k];
-    instance->stale = true;
-    return fmi2OK;
-}
-
-/* fmi2Integer and fmi2Boolean are one type. */
-static fmi2Status set_whole(fmi2Component component, const char *function, const fmi2ValueReference references[],
-                            size_t count, VariableType type, const int values[])
-{
-    Instance *const instance = begin_call(component, function);
-    if (instance == NULL || !writable(instance, references, count, type, values))
-        return fmi2Error;
-    for (size_t k = 0; k < count; k++)
-        if (!settable(instance, references[k], values[k], NULL))
-            return fmi2Error;
-    for (size_t k = 0; k < count; k++)
-        instance->unit.values[references[k]] = type == BOOLEAN ? values[k] != 0 : values[k];
-    instance->stale = true;
-    return fmi2OK;
+    return set_values(component, "fmi2SetReal", references, count, REAL, values);
 }
 
 fmi2Status fmi2SetInteger(fmi2Component component, const fmi2ValueReference references[], size_t count,
                           const fmi2Integer values[])
 {
-    return set_whole(component, "fmi2SetInteger", references, count, INTEGER, values);
+    return set_values(component, "fmi2SetInteger", references, count, INTEGER, values);
 }
 
 fmi2Status fmi2SetBoolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
                           const fmi2Boolean values[])
 {
-    return set_whole(component, "fmi2SetBoolean", references, count, BOOLEAN, values);
+    return set_values(component, "fmi2SetBoolean", references, count, BOOLEAN, values);
 }
 
-/* All strings of a unit are constants. */
+/* All strings of a unit are constants: none is set. */
 fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
                          const fmi2String values[])
 {
-    Instance *const instance = begin_call(component, "fmi2SetString");
-    if (instance == NULL || !writable(instance, references, count, STRING, values))
-        return fmi2Error;
-    return count == 0 || settable(instance, references[0], 0.0, values[0]) ? fmi2OK : fmi2Error;
+    return set_values(component, "fmi2SetString", references, count, STRING, values);
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -270,15 +280,15 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component component, const fmi2ValueR
     if (!writable(instance, references, count, REAL, values))
         return fmi2Error;
     if (count > 0 && orders == NULL)
-        return refuse_null(instance, "order");
+        return decline_null(instance, "order");
     for (size_t k = 0; k < count; k++) {
         const char *const name = unit->variables[references[k]].name;
         if (causality_of(unit, references[k]) != INPUT)
-            return refuse(instance, "%s must be an input, got the derivative %r", name, values[k]);
+            return decline(instance, "%s must be an input, got the derivative %r", name, values[k]);
         if (orders[k] != 1)
-            return refuse(instance, "order of the derivative of %s must be 1, got %d", name, orders[k]);
+            return decline(instance, "order of the derivative of %s must be 1, got %d", name, orders[k]);
         if (!isfinite(values[k]))
-            return refuse(instance, "derivative of %s must be finite, got %r", name, values[k]);
+            return decline(instance, "derivative of %s must be finite, got %r", name, values[k]);
     }
     double *const slopes = instance->unit.values + unit->variable_count;
     for (size_t k = 0; k < count; k++) {

@@ -80,6 +80,11 @@ fmi2Status refuse_null(Instance *instance, const char *argument)
     return refuse(instance, "%s must not be NULL", argument);
 }
 
+fmi2Status decline_null(Instance *instance, const char *argument)
+{
+    return decline(instance, "%s must not be NULL", argument);
+}
+
 void log_of_unit(UnitInstance *unit, Severity severity, const char *line)
 {
     Instance *const instance = (Instance *)unit;

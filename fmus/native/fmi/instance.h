@@ -65,8 +65,9 @@ INTERNAL fmi2Status refuse(Instance *instance, const char *format, ...);
 INTERNAL fmi2Status decline(Instance *instance, const char *format, ...);
 /* One line in the log, then fmi2Discard. */
 INTERNAL fmi2Status discard(Instance *instance, const char *format, ...);
-/* fmi2Error for an argument that is NULL. */
+/* The same for an argument that is NULL. */
 INTERNAL fmi2Status refuse_null(Instance *instance, const char *argument);
+INTERNAL fmi2Status decline_null(Instance *instance, const char *argument);
 /* The log of the unit's mathematics. */
 INTERNAL void log_of_unit(UnitInstance *unit, Severity severity, const char *line);
 
