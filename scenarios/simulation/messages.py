@@ -1,10 +1,11 @@
-"""Log lines of a unit, each kind once with how often it came."""
+"""Log lines of a unit: the first few of a kind, then how often it came."""
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 MAX_KINDS = 20  # of lines of one instance
+MAX_SHOWN = 3  # warnings of one kind that are passed on, each text once
 _NUMBER = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
 _FURTHER = "further lines"
 
@@ -12,7 +13,7 @@ _FURTHER = "further lines"
 @dataclass
 class _Kind:
     first: str
-    heard: bool  # whether it was passed on already
+    shown: set[str] = field(default_factory=set)  # texts that were passed on
     count: int = 0
 
 
@@ -28,9 +29,10 @@ class Messages:
         name = _NUMBER.sub("#", text)
         if name not in self._kinds and len(self._kinds) >= MAX_KINDS:
             name, text, warning = _FURTHER, _FURTHER, False
-        kind = self._kinds.setdefault(name, _Kind(text, warning))
+        kind = self._kinds.setdefault(name, _Kind(text))
         kind.count += 1
-        if kind.count == 1 and warning:
+        if warning and text not in kind.shown and len(kind.shown) < MAX_SHOWN:
+            kind.shown.add(text)
             self._notify(f"{self._instance}: {text}")
 
     def forget(self, text: str) -> None:
@@ -41,8 +43,8 @@ class Messages:
     def finish(self) -> None:
         """Passes on errors, and how often lines were repeated."""
         for kind in self._kinds.values():
-            if kind.count > 1:
+            if kind.count > max(1, len(kind.shown)):
                 self._notify(f"{self._instance}: {kind.first} ({kind.count} times)")
-            elif kind.count == 1 and not kind.heard:
+            elif kind.count > len(kind.shown):
                 self._notify(f"{self._instance}: {kind.first}")
         self._kinds.clear()

@@ -114,7 +114,7 @@ def test_row_k_holds_the_values_at_k_steps(tracking: tuple[Run, Path]) -> None:
     with (folder / "results.csv").open(newline="") as file:
         rows = [[float(cell) for cell in row] for row in list(csv.reader(file))[1:]]
     table = np.array(rows)
-    np.testing.assert_array_equal(table[:, 0], SAMPLE * np.arange(30001))
+    np.testing.assert_array_equal(table[:, 0], np.arange(30001) / 5000)
     np.testing.assert_array_equal(table[:, 1:], run.recording.values)
     assert not table[0].any()
     # The plant's input of a row is the controller's output of that row

@@ -71,8 +71,8 @@ typedef struct {
 typedef struct {
     SteppedUnit *units;
     size_t n_units;
-    int gauss_seidel; /* 0: Jacobi, all instances read the values of t_k */
-    double step;      /* s */
+    int gauss_seidel;  /* 0: Jacobi, all instances read the values of t_k */
+    double step;       /* s */
     double start_time; /* s, of step 0 */
     double *signals;
     size_t n_signals;
