@@ -54,10 +54,10 @@ def validate(files: tuple[Path, ...], runs: bool, patience: float) -> int:
             say(f"{path}: {problem}")
         if not problems:
             say(f"{path}: valid")
-        for text in notes:
-            say(f"{path}: note: {text}")
         for check in checks:
             say(f"{path}: {check.message}")
+        for text in notes:
+            say(f"{path}: note: {text}")
     return 1 if failures else 0
 
 

@@ -2,6 +2,7 @@
 
 import time as clock
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -90,6 +91,11 @@ class CoSimulation:
                 failure, done = error, self.stepper.done
             except UnitEnded as end:
                 ended, done = str(end), self.stepper.done
+                if end.completed:
+                    self._complete_step(end.instance, done)
+                    done += 1
+                    self._drive(done)
+                    rows.take(done)
         seconds = clock.perf_counter() - begin
         recording = rows.recording(self._wiring.columns, done, self._step, seconds, self._wiring.converted_columns)
         recording.time += self._bus.start_time
@@ -126,6 +132,22 @@ class CoSimulation:
                 except KeyboardInterrupt:
                     break
         return done
+
+    def _complete_step(self, ended: str, number: int) -> None:
+        """Steps the instances behind the one that ended the run at the end of this step."""
+        bus, jacobi = self._bus, self._bus.coupling == "jacobi"
+        names = list(self._instances)
+        if not jacobi:
+            self._instances[ended].read()
+        for name in names[names.index(ended) + 1 :]:
+            if not jacobi:
+                self._python_stepper.exchange(name)
+            with suppress(UnitEnded):
+                self._instances[name].step(bus.start_time + number * bus.step, bus.step)
+            if not jacobi:
+                self._instances[name].read()
+        for name in names if jacobi else ():
+            self._instances[name].read()
 
     def _drive(self, number: int) -> None:
         """Writes the external signals of one step into the array."""

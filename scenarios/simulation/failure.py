@@ -14,7 +14,11 @@ class UnitFailure(FlexbeamsError):
 
 
 class UnitEnded(FlexbeamsError):
-    """A unit ended the run, a regular end: it discarded a step and reports fmi2Terminated."""
+    """A unit ended the run, a regular end: it discarded a step and reports fmi2Terminated.
 
-    def __init__(self, instance: str, time: float) -> None:
+    `time` is its last successful time; `completed` is whether that is the end of the step.
+    """
+
+    def __init__(self, instance: str, time: float, completed: bool = False) -> None:
+        self.instance, self.completed = instance, completed
         super().__init__(f"{instance} ended the run at {time:.6g} s")

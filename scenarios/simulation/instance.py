@@ -30,6 +30,7 @@ from flexbeams.scenarios.simulation.messages import Messages
 
 _WARNING = 1  # fmi2Warning
 DISCARD = 2  # fmi2Discard
+_LAST_SUCCESSFUL_TIME = 2  # fmi2LastSuccessfulTime, a kind of fmi2GetRealStatus
 _TERMINATED = 3  # fmi2Terminated, a kind of fmi2GetBooleanStatus
 _POINTERS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
 _FUNCTIONS = {
@@ -147,12 +148,19 @@ class UnitInstance:
         self._messages.forget(self.last_error)
         return UnitFailure(self.name, self.time, function, self.last_error or reason)
 
-    def has_ended(self) -> bool:
-        """Whether the unit discarded a step because it wants the run to end."""
+    def end(self, step: float) -> UnitEnded | None:
+        """The end of the run that the unit wants, where it discarded a step of `step` s from `self.time` for that."""
         try:
-            return bool(self._fmu.getBooleanStatus(_TERMINATED))
+            if not self._fmu.getBooleanStatus(_TERMINATED):
+                return None
         except FMICallException:
-            return False
+            return None
+        try:
+            completed = abs(self._fmu.getRealStatus(_LAST_SUCCESSFUL_TIME) - self.time - step) < 1e-6 * step
+        except FMICallException:
+            completed = False
+        self.last_error = ""
+        return UnitEnded(self.name, self.time + step if completed else self.time, completed)
 
     def set_start(self, name: str, value: TypedValue) -> None:
         """Sets one variable by name, by its type."""
@@ -234,8 +242,8 @@ class UnitInstance:
         """One doStep from `time`; UnitEnded where the unit discards it since it wants the run to end."""
         self.time = time
         status = self._functions["fmi2DoStep"](self.component, time, step, 1)
-        if status == DISCARD and self.has_ended():
-            raise UnitEnded(self.name, time)
+        if status == DISCARD and (end := self.end(step)):
+            raise end
         self._require("fmi2DoStep", status)
 
     def address(self, function: str) -> int | None:

@@ -14,7 +14,6 @@ from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.plant.basis import Array
 from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.declaration import TYPE_ORDER
-from flexbeams.scenarios.simulation.failure import UnitEnded
 from flexbeams.scenarios.simulation.instance import DISCARD, UnitInstance
 from flexbeams.scenarios.simulation.stepping import SignalBus
 
@@ -158,8 +157,9 @@ class NativeStepper:
             instance = self._instances[self._run.failed_unit]
             function = ("fmi2Set...", "fmi2DoStep", "fmi2Get...")[self._run.failed_function]
             instance.time = self._bus.start_time + self.done * self._bus.step
-            if function == "fmi2DoStep" and self._run.failed_status == DISCARD and instance.has_ended():
-                raise UnitEnded(instance.name, instance.time)
+            discarded = function == "fmi2DoStep" and self._run.failed_status == DISCARD
+            if discarded and (end := instance.end(self._bus.step)):
+                raise end
             raise instance.failure(function, f"status {self._run.failed_status}")
         return done
 

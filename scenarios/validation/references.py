@@ -12,7 +12,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.importing.fmu import unit_description
-from flexbeams.scenarios.simulation.failure import UnitFailure
+from flexbeams.scenarios.simulation.failure import UnitEnded, UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.validation.reference_files import (
     DeclaredExperiment,
@@ -111,11 +111,21 @@ def simulate_reference(reference: ReferenceRun, instance: UnitInstance) -> Array
         for step in range(done, count):
             instance.inputs[:] = reference.driven[step]
             instance.write()
-            instance.step(reference.start + step * reference.step, reference.step)
+            _step(instance, reference, step, last=step == reference.steps_done[-1] - 1)
         done = count
         instance.read()
         results[k] = row
     return results
+
+
+def _step(instance: UnitInstance, reference: ReferenceRun, number: int, last: bool) -> None:
+    """One step; UnitFailure where the unit ends the run earlier than with the last step."""
+    time = reference.start + number * reference.step
+    try:
+        instance.step(time, reference.step)
+    except UnitEnded as end:
+        if not (last and end.completed):
+            raise UnitFailure(instance.name, time, "fmi2DoStep", "ends the run before the last reference") from None
 
 
 def deviation(reference: ReferenceRun, results: Array) -> Deviation:

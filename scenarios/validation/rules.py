@@ -58,7 +58,8 @@ def platform_note(file: Path) -> str:
     if any(f"binaries/{folder}/{name}" in names for folder in (fmpy.platform_tuple, fmpy.platform)):
         return ""
     present = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-    return f"has no binary for this machine ({fmpy.platform_tuple}), only for {', '.join(present) or 'none'}"
+    others = f"only for {', '.join(present)}" if present else "nor for any other"
+    return f"has no binary for this machine ({fmpy.platform_tuple}), {others}"
 
 
 def _variable(variable: Any) -> Iterator[str]:

@@ -313,3 +313,21 @@ def test_names_in_csv_headers_are_quoted_as_rfc_4180_has_them(
     read = read_results(tmp_path / "out/results.csv")
     assert (read.columns, read.units) == ([f"g.{name}", "g.plain"], ["mm", ""])
     assert np.array_equal(read.values, run.recording.values)
+
+
+@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
+def test_a_step_done_before_the_end_is_recorded(bench: Bench, coupling: str) -> None:
+    """Also of the units that step behind the one that ends the run."""
+    clock = V(name="clock", type="Real", causality="output", reference=9)
+    for name, rule in (("ending", ["finish 0.025"]), ("plain", [])):
+        unit = stage(name, 2.0)
+        unit.variables.append(clock)
+        unit.rules += ["clock 9", *rule]
+        unit.write(bench.folder / f"{name}.fmu")
+    text = "".join(f'[instance.{n}]\nfmu = "{f}.fmu"\n' for n, f in (("a", "plain"), ("b", "ending"), ("c", "plain")))
+    recording = bench.run(text, coupling=coupling).recording
+    assert recording.complete
+    assert recording.time.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04])
+    for name in "abc":
+        assert recording.values[:, recording.columns.index(f"{name}.clock")] == pytest.approx(recording.time)
+    assert bench.notes == ["b ended the run at 0.04 s"]

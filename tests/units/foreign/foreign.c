@@ -8,6 +8,7 @@
  *   clock output                      real output: the time
  *   warn|error|fatal text             logs the text at each step, with status OK
  *   end time                          discards the step from that time on, as terminated
+ *   finish time                       as end, after the step is done
  *   discard time                      discards the step from that time on
  *   crash|hang|exit when              load, instantiate or step
  */
@@ -91,7 +92,7 @@ static void read_rules(Unit *unit, const char *resources)
             sscanf(line, "%*s %c %u %95[^\n]", &rule.type, &rule.output, rule.text);
         else if (strcmp(rule.verb, "map") == 0)
             sscanf(line, "%*s %c %u %u %lf", &rule.type, &rule.output, &rule.input, &rule.gain);
-        else if (strcmp(rule.verb, "end") == 0 || strcmp(rule.verb, "discard") == 0)
+        else if (strcmp(rule.verb, "end") == 0 || strcmp(rule.verb, "finish") == 0 || strcmp(rule.verb, "discard") == 0)
             sscanf(line, "%*s %lf", &rule.gain);
         else if (sscanf(line, "%*s %u %u %lf", &rule.output, &rule.input, &rule.gain) < 1)
             sscanf(line, "%*s %95[^\n]", rule.text);
@@ -220,6 +221,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
         if (status != fmi2OK)
             unit->functions.logger(NULL, "any", status, NULL, "%s at %g", rule->text,
                                    time);
+        if (strcmp(rule->verb, "finish") == 0 && time >= rule->gain) {
+            unit->ended = 1;
+            unit->time = time + step;
+            return fmi2Discard;
+        }
         const int ends = strcmp(rule->verb, "end") == 0;
         if ((ends || strcmp(rule->verb, "discard") == 0) && time >= rule->gain) {
             unit->ended = ends;
@@ -236,6 +242,12 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
         return fmi2Discard;
     *value = ((Unit *)c)->ended;
     return fmi2OK;
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+{
+    *value = ((Unit *)c)->time;
+    return kind == fmi2LastSuccessfulTime ? fmi2OK : fmi2Discard;
 }
 
 #define REFUSED(Name, ...)                                                                                            \
@@ -255,6 +267,5 @@ REFUSED(GetRealOutputDerivatives, fmi2Component c, const fmi2ValueReference r[],
         fmi2Real v[])
 REFUSED(CancelStep, fmi2Component c)
 REFUSED(GetStatus, fmi2Component c, const fmi2StatusKind k, fmi2Status *s)
-REFUSED(GetRealStatus, fmi2Component c, const fmi2StatusKind k, fmi2Real *s)
 REFUSED(GetIntegerStatus, fmi2Component c, const fmi2StatusKind k, fmi2Integer *s)
 REFUSED(GetStringStatus, fmi2Component c, const fmi2StatusKind k, fmi2String *s)
