@@ -57,7 +57,7 @@ def copy_sources(folder: Path) -> Path:
     for name in FOLDERS:
         ignored = shutil.ignore_patterns("__pycache__", "build")
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "MANIFEST.in"):
         shutil.copyfile(ROOT / name, folder / name)
     return folder
 
@@ -110,6 +110,7 @@ def test_the_wheel_holds_one_package_and_all_of_it(wheel: Path) -> None:
     }
     assert expected - set(names) == set()
     assert "flexbeams/fmus/native/LICENSE" in names
+    assert [name for name in names if name.endswith("licenses/scenarios/report/assets/uplot.LICENSE")]
     assert not [name for name in names if "test" in name]
 
 

@@ -3,7 +3,7 @@
 The mathematics in fmus/native does not depend on a design; a design changes one generated file, the tables.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -66,12 +66,18 @@ class NativeUnit:
 
 
 def build_native_units(
-    units: Sequence[NativeUnit], platforms: Sequence[str] = ("host",), compiler: str = "zig", **attributes: str
+    units: Sequence[NativeUnit],
+    platforms: Sequence[str] = ("host",),
+    compiler: str = "zig",
+    *,
+    notify: Callable[[str], None] = lambda text: None,
+    **attributes: str,
 ) -> list[Path]:
     """Build units with binaries for `platforms` (host, all or names of fmus.compilers.PLATFORMS); returns their files.
 
     `compiler` is zig or a command of the system. `attributes` (version, license) go into modelDescription.xml. Equal
-    arguments give equal bytes. Raises BuildError where there is no compiler or it fails.
+    arguments give equal bytes. `notify` gets a line for each binary of several platforms. Raises BuildError where there
+    is no compiler or it fails.
     """
     targets, tool = chosen_platforms(platforms), find_compiler(compiler)
     with temporary_folder() as temporary, ThreadPoolExecutor(_JOBS) as pool:
@@ -88,7 +94,11 @@ def build_native_units(
         for unit, sources, description, binaries in jobs:
             entries = {"modelDescription.xml": description, **_documents(unit), **unit.extra}
             entries |= {f"sources/{name}": content for name, content in sources.items()}
-            compiled = {target: binary.result() for target, binary in binaries.items()}
+            compiled = {}
+            for target, binary in binaries.items():
+                if len(targets) > 1:
+                    notify(f"compiling {unit.interface.unit_name} for {target.name}")
+                compiled[target] = binary.result()
             entries |= binary_entries(unit.interface.unit_name, compiled)
             write_whole(unit.out, zip_bytes(entries))
     return [unit.out for unit in units]

@@ -1,6 +1,6 @@
 """Building of FMUs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from flexbeams.controller.design import Design
@@ -11,6 +11,7 @@ from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.api.design_view import DesignView
+from flexbeams.scenarios.runs.observer import ignore_note
 
 
 def build(
@@ -22,6 +23,7 @@ def build(
     platforms: Sequence[str] = ("host",),
     compiler: str = "zig",
     flags_as_real: bool = False,
+    notify: Callable[[str], None] = ignore_note,
 ) -> list[Path]:
     """Builds FMUs of a design; those of one design belong together.
 
@@ -43,6 +45,8 @@ def build(
     flags_as_real
         Boolean outputs (`moving`, `saturated`) as Real, 0 or 1, for hosts that know only Real; such units carry no
         reference results.
+    notify
+        Receives a line for each binary of several platforms.
 
     Returns
     -------
@@ -69,6 +73,7 @@ def build(
         platforms=platforms,
         compiler=compiler,
         flags_as_real=flags_as_real,
+        notify=notify,
     )
     for file in files:
         _require_references(file)

@@ -10,6 +10,7 @@ from flexbeams.scenarios.cli.options import (
     chosen_structure,
     compiler_option,
     flags_option,
+    note,
     say,
     structure_option,
 )
@@ -60,5 +61,5 @@ def build(units: tuple[str, ...], structure: str | None, basis: str, backend: st
         require_kind(name, "UNIT")
     computed = design(chosen_structure(structure), basis=basis)
     for kernel in (k for k in BACKENDS if backend in (k, "all")):
-        for path in build_units(computed, units, backend=kernel, **options):
+        for path in build_units(computed, units, backend=kernel, notify=note, **options):
             say(path)

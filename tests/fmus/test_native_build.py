@@ -525,3 +525,16 @@ def test_formulas() -> None:
         "<mn>2</mn></msubsup><mo>=</mo><msup><mi>A</mi><mrow><mo>-</mo><mn>1</mn></mrow></msup><mi>x</mi>"
         '<mspace width="2em"/><mi>y</mi></mrow></math>'
     )
+
+
+def test_each_target_of_several_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line for each binary before it is waited for; none for the only one."""
+    from flexbeams.fmus.packaging import native
+
+    monkeypatch.setattr(native, "_compiled", lambda *_: b"binary")
+    unit = native_unit("BeamPlant", design_of("single_beam"), tmp_path / "BeamPlant.fmu")
+    notes: list[str] = []
+    native.build_native_units([unit], ["x86_64-linux"], notify=notes.append)
+    assert notes == []
+    native.build_native_units([unit], ["x86_64-linux", "aarch64-linux"], notify=notes.append)
+    assert notes == ["compiling BeamPlant for aarch64-linux", "compiling BeamPlant for x86_64-linux"]
