@@ -15,8 +15,9 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
+from flexbeams.scenarios.masters.isolation import resident_bytes
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import UNITS, Workshop, design_of
+from tests.helpers import UNITS, Workshop, design_of, resident
 from tests.native.workshop import NATIVE_UNITS, native_folder
 from tests.units.loaded import loaded
 
@@ -406,6 +407,25 @@ def test_bytes_of_a_state_are_little_endian() -> None:
     assert crc == zlib.crc32(content[16:])
     assert struct.unpack_from("<Qd", content, 56) == (2, 0.0)
     assert struct.unpack_from("<d", content, 384 + 8 * one.references["u[3]"]) == (123.456,)
+
+
+@pytest.mark.skipif(resident_bytes() is None, reason="resident memory is not known here")
+def test_an_instance_takes_its_memory_when_it_steps() -> None:
+    """BeamPlant has half a megabyte of matrices; many instances that wait cost next to nothing."""
+    count, limit = 200, 50_000_000  # bytes
+    folder = native_folder("BeamPlant")
+    description = fmpy.read_model_description(folder)
+    before, units = resident(), []
+    for k in range(count):
+        unit = FMU2Slave(
+            guid=description.guid, unzipDirectory=str(folder), instanceName=str(k), modelIdentifier="BeamPlant"
+        )
+        unit.instantiate()  # FMPy hands out memory by calloc
+        units.append(unit)
+    taken = resident() - before
+    for unit in units:
+        unit.fmi2FreeInstance(unit.component)
+    assert taken < limit
 
 
 def test_instances_in_threads_do_not_touch() -> None:

@@ -37,6 +37,15 @@ static void *no_memory(size_t count, size_t size)
     return NULL;
 }
 
+/* From a host that does not zero it. */
+static void *used_memory(size_t count, size_t size)
+{
+    void *const block = allocate(count, size);
+    if (block != NULL)
+        memset(block, 0xa5, count * size);
+    return block;
+}
+
 static void refuse_instances(void)
 {
     const fmi2CallbackFunctions silent = {.allocateMemory = allocate, .freeMemory = release};
@@ -348,6 +357,13 @@ int main(void)
     CHECK(block_count == 1);
     fmi2FreeInstance(instance);
     CHECK(block_count == 0);
+
+    fmi2CallbackFunctions careless = callbacks;
+    careless.allocateMemory = used_memory;
+    instance = fmi2Instantiate("three", fmi2CoSimulation, UNIT_GUID, NULL, &careless, fmi2False, fmi2False);
+    start(0.0);
+    CHECK(run(0.0, 0, STEPS) == expected);
+    fmi2FreeInstance(instance);
 
     const fmi2CallbackFunctions own_memory = {.logger = log_line};
     instance = fmi2Instantiate("two", fmi2CoSimulation, UNIT_GUID, NULL, &own_memory, fmi2False, fmi2False);

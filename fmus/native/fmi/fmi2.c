@@ -9,6 +9,7 @@
 #include "instance.h"
 
 #define CACHE_LINE 64    /* bytes */
+#define PAGE 4096        /* bytes */
 #define LONGEST_STEP 1e6 /* sample times; a longer step would keep a sampled unit busy for seconds */
 
 /* Statuses whose lines are logged, as bits. */
@@ -66,6 +67,20 @@ static double *align_to_line(double *memory)
     return memory + (CACHE_LINE - (uintptr_t)memory % CACHE_LINE) % CACHE_LINE / sizeof *memory;
 }
 
+/* Zeroes a host's memory. The standard asks the host for zeros: what is zero already is read only, so that pages that
+   no step has used yet take no memory and no time. */
+static void clear_memory(void *memory, size_t size)
+{
+    unsigned char *bytes = memory;
+    while (size > 0) {
+        const size_t count = size < PAGE ? size : PAGE;
+        if (bytes[0] != 0 || memcmp(bytes, bytes + 1, count - 1) != 0)
+            memset(bytes, 0, count);
+        bytes += count;
+        size -= count;
+    }
+}
+
 /* Memory for an instance of a unit, in one block; NULL where there is not enough. */
 static Instance *allocate_instance(const UnitDescription *description, fmi2String name,
                                    const fmi2CallbackFunctions *functions)
@@ -79,7 +94,8 @@ static Instance *allocate_instance(const UnitDescription *description, fmi2Strin
     Instance *const instance = own ? calloc(1, size) : functions->allocateMemory(1, size);
     if (instance == NULL)
         return NULL;
-    memset(instance, 0, size);
+    if (!own)
+        clear_memory(instance, size);
     double *const memory = instance->memory;
     instance->saved_count = saved;
     instance->unit = (UnitInstance){
