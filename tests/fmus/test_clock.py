@@ -68,6 +68,20 @@ def test_the_start_time_changes_nothing_in_a_loop(step: float) -> None:
         np.testing.assert_array_equal(run(folder, 400, step, start, lambda k, s=start: s + k * step), wanted)
 
 
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_short_steps_after_long_ones_at_a_late_start(units: BuiltUnits, start: float) -> None:
+    """A step of 1 us moves the deflection by almost nothing, as do 500 of them."""
+    with loaded(units("BeamPlant", "single_beam")) as plant:
+        plant.begin(start).put("u[1]", 100.0)
+        for k in range(500):
+            plant.step(start + k * 1e-3, 1e-3)
+        (rest,) = plant.take("y_pi[1]")
+        assert rest == pytest.approx(-2.2e-3, rel=0.05)
+        for k in range(500):
+            plant.step(start + 0.5 + k * 1e-6, 1e-6)
+            assert plant.take("y_pi[1]")[0] == pytest.approx(rest, rel=1e-4 if k == 0 else 0.05)
+
+
 class AddingHost:
     """A host that adds up its steps instead of multiplying."""
 

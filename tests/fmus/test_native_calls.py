@@ -396,6 +396,28 @@ def test_foreign_and_damaged_states_are_refused() -> None:
         one.fmu.freeFMUstate(state)
 
 
+@pytest.mark.parametrize(("unit", "place"), [("TrackingController", 4), ("BeamClosedLoop", 0)])
+@pytest.mark.parametrize("count", [1e17, 2.5, -1.0, 9.0, np.nan])
+def test_a_count_that_a_unit_cannot_have_reached_is_refused(unit: str, place: int, count: float) -> None:
+    """With a checksum that fits: by the count of ticks or of steps in the state the next step would not return."""
+    with instance(unit) as one:
+        one.to("stepping")
+        one.call("doStep", 0.0, SAMPLE)
+        content = bytearray(one.fmu.serializeFMUstate(one.fmu.getFMUstate()))
+        at = 384 + 8 * (2 * len(one.references) + place)
+        assert struct.unpack_from("<d", content, at) == (1.0,)
+        struct.pack_into("<d", content, at, count)
+        struct.pack_into("<I", content, 12, zlib.crc32(bytes(content[16:])))
+        try:
+            status = one.call("setFMUstate", one.fmu.deSerializeFMUstate(bytes(content)))
+        except FMICallException as refusal:  # may be seen in the bytes
+            status = refusal.status
+        assert status == ERROR
+        assert one.lines[-1][3].endswith("FMU state must have contents that this unit can have saved")
+        one.call("reset")
+        assert after_a_step(one) == untouched(unit)
+
+
 def test_bytes_of_a_state_are_little_endian() -> None:
     """Magic, version, checksum, length, digest, phase, clock; then the values by value reference."""
     with instance() as one:
