@@ -123,8 +123,14 @@ static void evaluate(Unit *unit)
     }
 }
 
-const char *fmi2GetTypesPlatform(void) { return "default"; }
-const char *fmi2GetVersion(void) { return "2.0"; }
+const char *fmi2GetTypesPlatform(void)
+{
+    return "default";
+}
+const char *fmi2GetVersion(void)
+{
+    return "2.0";
+}
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
@@ -139,7 +145,10 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return unit;
 }
 
-void fmi2FreeInstance(fmi2Component c) { free(c); }
+void fmi2FreeInstance(fmi2Component c)
+{
+    free(c);
+}
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
@@ -155,9 +164,18 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerant, fmi2Real t
     return fmi2OK;
 }
 
-fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return c == NULL ? fmi2Error : fmi2OK; }
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return c == NULL ? fmi2Error : fmi2OK; }
-fmi2Status fmi2Terminate(fmi2Component c) { return c == NULL ? fmi2Error : fmi2OK; }
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    return c == NULL ? fmi2Error : fmi2OK;
+}
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    return c == NULL ? fmi2Error : fmi2OK;
+}
+fmi2Status fmi2Terminate(fmi2Component c)
+{
+    return c == NULL ? fmi2Error : fmi2OK;
+}
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
@@ -166,20 +184,20 @@ fmi2Status fmi2Reset(fmi2Component c)
     return fmi2OK;
 }
 
-#define GETTER(Name, Type, field)                                                                                     \
-    fmi2Status fmi2Get##Name(fmi2Component c, const fmi2ValueReference r[], size_t n, Type values[])                  \
-    {                                                                                                                 \
-        evaluate(c);                                                                                                  \
-        for (size_t k = 0; k < n; k++)                                                                                \
-            values[k] = ((Unit *)c)->field[r[k]];                                                                     \
-        return fmi2OK;                                                                                                \
+#define GETTER(Name, Type, field)                                                                                      \
+    fmi2Status fmi2Get##Name(fmi2Component c, const fmi2ValueReference r[], size_t n, Type values[])                   \
+    {                                                                                                                  \
+        evaluate(c);                                                                                                   \
+        for (size_t k = 0; k < n; k++)                                                                                 \
+            values[k] = ((Unit *)c)->field[r[k]];                                                                      \
+        return fmi2OK;                                                                                                 \
     }
-#define SETTER(Name, Type, field)                                                                                     \
-    fmi2Status fmi2Set##Name(fmi2Component c, const fmi2ValueReference r[], size_t n, const Type values[])            \
-    {                                                                                                                 \
-        for (size_t k = 0; k < n; k++)                                                                                \
-            ((Unit *)c)->field[r[k]] = values[k];                                                                     \
-        return fmi2OK;                                                                                                \
+#define SETTER(Name, Type, field)                                                                                      \
+    fmi2Status fmi2Set##Name(fmi2Component c, const fmi2ValueReference r[], size_t n, const Type values[])             \
+    {                                                                                                                  \
+        for (size_t k = 0; k < n; k++)                                                                                 \
+            ((Unit *)c)->field[r[k]] = values[k];                                                                      \
+        return fmi2OK;                                                                                                 \
     }
 GETTER(Real, fmi2Real, reals)
 GETTER(Integer, fmi2Integer, integers)
@@ -219,8 +237,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
                                   : strcmp(rule->verb, "fatal") == 0 ? fmi2Fatal
                                                                      : fmi2OK;
         if (status != fmi2OK)
-            unit->functions.logger(NULL, "any", status, NULL, "%s at %g", rule->text,
-                                   time);
+            unit->functions.logger(NULL, "any", status, NULL, "%s at %g", rule->text, time);
         if (strcmp(rule->verb, "finish") == 0 && time >= rule->gain) {
             unit->ended = 1;
             unit->time = time + step;
@@ -250,9 +267,12 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     return kind == fmi2LastSuccessfulTime ? fmi2OK : fmi2Discard;
 }
 
-#define REFUSED(Name, ...)                                                                                            \
-    fmi2Status fmi2##Name(__VA_ARGS__);                                                                               \
-    fmi2Status fmi2##Name(__VA_ARGS__) { return fmi2Error; }
+#define REFUSED(Name, ...)                                                                                             \
+    fmi2Status fmi2##Name(__VA_ARGS__);                                                                                \
+    fmi2Status fmi2##Name(__VA_ARGS__)                                                                                 \
+    {                                                                                                                  \
+        return fmi2Error;                                                                                              \
+    }
 REFUSED(GetFMUstate, fmi2Component c, fmi2FMUstate *s)
 REFUSED(SetFMUstate, fmi2Component c, fmi2FMUstate s)
 REFUSED(FreeFMUstate, fmi2Component c, fmi2FMUstate *s)
