@@ -109,7 +109,7 @@ class ModalLoop:
         head = states @ outputs.T
         amplitudes = (outputs @ self._vectors) * (self._inverse @ states[-1])  # (outputs, modes) at the end of the head
         largest = np.max(np.abs(amplitudes) / np.maximum(np.max(np.abs(head), axis=0), 1e-300)[:, None], axis=0)
-        slow = (self.values.imag >= 0) & (largest > NEGLIGIBLE)
+        slow = (self.values.imag >= 0) & (largest > NEGLIGIBLE) & (np.abs(self.values) > 1e-12)
         twice = np.where(self.values[slow].imag > 0, 2.0, 1.0)
         powers = np.exp(np.outer(later - direct, np.log(self.values[slow].astype(np.complex128))))
         tail = (powers @ (amplitudes[:, slow] * twice).T).real
