@@ -20,9 +20,8 @@ def report_html(run: Run) -> str:
     groups = figure_groups(run.scenario, run.recording, run.open_loop)
     if further := remaining_signals_group(run.scenario, run.recording):
         groups.append(further)
-    if run.design is None:
-        raise ValueError("only runs of scenarios have a report")
-    moving = animation(run.recording.frames, run.design, _step(run.scenario, run.design))
+    design = run.design
+    moving = None if design is None else animation(run.recording.frames, design, _step(run.scenario, design))
     data = {"groups": groups, "animation": moving}
     return render(
         "report.html.j2",
@@ -31,7 +30,7 @@ def report_html(run: Run) -> str:
         about=run.description,
         checks=[check_row(c) for c in run.summary["checks"]],
         outcome=_outcome(run),
-        facts=_facts(run, run.design),
+        facts=_package_facts(run) if design is None else _facts(run, design),
         metrics=_metrics(run.summary["metrics"], run.summary["checks"]),
         timing=_timing(run.summary["timing"]),
         groups=groups,
@@ -104,6 +103,23 @@ def _facts(run: Run, design: Design) -> list[tuple[str, str]]:
         ("Version", f"flexbeams {version('flexbeams')}"),
     ]
     return facts
+
+
+def _package_facts(run: Run) -> list[tuple[str, str]]:
+    """Facts about the run of a package, whose units are built."""
+    s, overrides = run.scenario, run.settings.overrides
+    return [
+        ("Package", run.name),
+        ("Units", ", ".join(f"{name} ({i.fmu})" for name, i in s.instance.items())),
+        ("Coupling", f"{s.coupling}, steps of {1e3 * (s.step or 0.0):g} ms"),
+        ("Simulated", f"{run.recording.time[0]:g} to {run.recording.time[-1]:g} s"),
+        *(
+            [("Set", ", ".join(f"{k} = {v}" for k, v in run.settings.overrides.items()))]
+            if run.settings.overrides
+            else []
+        ),
+        ("Version", f"flexbeams {version('flexbeams')}"),
+    ]
 
 
 def _plural(count: int, word: str) -> str:

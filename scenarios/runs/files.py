@@ -40,7 +40,7 @@ def write_files(
 ) -> None:
     """Writes results.csv (or other formats), the scenario's figures, report.html and summary.json.
 
-    Incomplete runs have neither report nor figures, packages no report. Figures are drawn by the process if there is
+    Incomplete runs have neither report nor figures, packages no figures. Figures are drawn by the process if there is
     one. Raises InputError for a file that cannot be written.
     """
     complete, summary = run.recording.complete, json_values(run.summary)
@@ -49,7 +49,7 @@ def write_files(
     if plots and figure_process:
         figure_process.start(plots)
     write_formats(folder, run.recording, summary, formats)
-    if report and complete and run.design is not None:
+    if report and complete:
         from flexbeams.scenarios.report.report import report_html
 
         folder.write(folder.path / REPORT, report_html(run).encode("utf-8", "replace"))

@@ -57,7 +57,7 @@ class Job:
         """Names of the files that it writes."""
         scenario = self.experiment.scenario if isinstance(self.experiment, ScenarioFile) else None
         figures = scenario.figure if scenario is not None and self.figures else []
-        return file_names(figures, self.report and scenario is not None, self.formats)
+        return file_names(figures, self.report, self.formats)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.processes.guarded import GuardedFailure, guarded
 from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.runs.files import write_run
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.package import run_package
 from flexbeams.scenarios.validation.package import package_problems
@@ -244,6 +245,14 @@ def test_a_truncated_library_ends_with_one_line(
     assert main(["run", str(path), "--out", "results", "--cache", str(shop.settings.build_folder)]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith("flexbeams: ")
+
+
+def test_a_run_of_a_package_has_a_report(shop: Shop, tmp_path: Path) -> None:
+    path = shop.package({"s": (SENSORS, ""), "g": (GAINS, "")}, connection("s.x[1]", "g.u[1]"))
+    write_run(shop.run(path), tmp_path / "out")
+    page = (tmp_path / "out/report.html").read_text()
+    assert "g.y" in page
+    assert "s (unit0.fmu), g (unit1.fmu)" in page
 
 
 def leave() -> None:
