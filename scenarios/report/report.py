@@ -113,11 +113,7 @@ def _package_facts(run: Run) -> list[tuple[str, str]]:
         ("Units", ", ".join(f"{name} ({i.fmu})" for name, i in s.instance.items())),
         ("Coupling", f"{s.coupling}, steps of {1e3 * (s.step or 0.0):g} ms"),
         ("Simulated", f"{run.recording.time[0]:g} to {run.recording.time[-1]:g} s"),
-        *(
-            [("Set", ", ".join(f"{k} = {v}" for k, v in run.settings.overrides.items()))]
-            if run.settings.overrides
-            else []
-        ),
+        *([("Set", ", ".join(f"{k} = {v}" for k, v in overrides.items()))] if overrides else []),
         ("Version", f"flexbeams {version('flexbeams')}"),
     ]
 
