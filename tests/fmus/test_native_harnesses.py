@@ -19,8 +19,10 @@ from tests.native.workshop import (
     INCLUDES,
     NATIVE_UNITS,
     STRICT,
+    UNIT,
     compiled,
     guid_of,
+    native_folder,
     needs,
     run,
     source_file,
@@ -53,6 +55,18 @@ def test_life_cycle_under_valgrind(unit: str) -> None:
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_nothing_is_allocated_between_instantiation_and_free(unit: str) -> None:
     run([str(compiled("allocations", unit, "gcc", "-O2"))])
+
+
+@needs("gcc")
+def test_a_host_that_adds_up_its_steps_gets_the_same_bits() -> None:
+    """For 100,000 steps; FLEXBEAMS_STEPS=20000000 for the full measurement, which prints the mean times."""
+    steps = os.environ.get("FLEXBEAMS_STEPS", "100000")
+    program = compiled("adding_host", UNIT, "gcc", "-O2")
+    description = fmpy.read_model_description(native_folder(UNIT))
+    references = {v.name: str(v.valueReference) for v in description.modelVariables}
+    text = run([str(program), steps, references["y_target[1]"], references["y_pi[1]"]])
+    print(text)
+    assert text.startswith("equal")
 
 
 @needs("clang")
