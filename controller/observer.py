@@ -28,12 +28,13 @@ class TickMatrices:
     zeros for the offsets.
 
     z <- filter (z, u, y_pm); (w - u_ff - integral, growth / k_I) = regulator (r - z, u_ff - u), where the second
-    argument counts in the growth only; y_est = estimates (z, u).
+    argument counts in the growth only; y_est = estimates (z, u); predicted strains = strains (z, u).
     """
 
     filter: Array  # (s, s + n_u + n_pm): [A_d - L H_pm, B_d - L D_pm, L]
     regulator: Array  # (2 n_u, s + n_u): [K, 0; G_0^+ H_pi, G_0^+ D_pi]
     estimates: Array  # (n_pi, s + n_u): [H_pi, D_pi]
+    strains: Array  # (n_pm, s + n_u): [H_pm, D_pm]
 
 
 def tick_matrices(arrays: Mapping[str, Array]) -> TickMatrices:
@@ -58,4 +59,5 @@ def tick_matrices(arrays: Mapping[str, Array]) -> TickMatrices:
         filter=np.hstack([A - L @ H, B - L @ D, L]),
         regulator=np.vstack([np.hstack([K, np.zeros((len(K), len(K)))]), G @ estimates]),
         estimates=estimates,
+        strains=np.hstack([H, D]),
     )

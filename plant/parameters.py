@@ -19,6 +19,8 @@ class PhysicalParameter:
     unit: str  # of measurement, written as FMI advises
     meaning: str  # {} stands for the number of the part
     may_vanish: bool = False  # 0 is allowed; all others are > 0
+    minimum: float  # of plausible values, which units accept
+    maximum: float
 
     def of(self, number: int) -> str:
         """Full name for one part, counted from 1: beam[2].density."""
@@ -31,15 +33,39 @@ class PhysicalParameter:
 
 
 PARAMETERS = (
-    PhysicalParameter(part="beam", name="density", unit="kg/m3", meaning="Density of beam {}"),
-    PhysicalParameter(part="beam", name="youngs_modulus", unit="Pa", meaning="Young's modulus of beam {}"),
-    PhysicalParameter(part="beam", name="tip_mass", unit="kg", meaning="Tip mass of beam {}", may_vanish=True),
+    PhysicalParameter(
+        part="beam",
+        name="density",
+        unit="kg/m3",
+        meaning="Density of beam {}",
+        minimum=1.0,
+        maximum=1e6,
+    ),
+    PhysicalParameter(
+        part="beam",
+        name="youngs_modulus",
+        unit="Pa",
+        meaning="Young's modulus of beam {}",
+        minimum=1e6,
+        maximum=1e14,
+    ),
+    PhysicalParameter(
+        part="beam",
+        name="tip_mass",
+        unit="kg",
+        meaning="Tip mass of beam {}",
+        may_vanish=True,
+        minimum=0.0,
+        maximum=1e4,
+    ),
     PhysicalParameter(
         part="beam",
         name="viscous_damping",
         unit="N.s/m2",
         meaning="Viscous damping gamma^v of beam {}",
         may_vanish=True,
+        minimum=0.0,
+        maximum=1e6,
     ),
     PhysicalParameter(
         part="beam",
@@ -47,15 +73,33 @@ PARAMETERS = (
         unit="N.s",
         meaning="Structural damping gamma^sv of beam {}",
         may_vanish=True,
+        minimum=0.0,
+        maximum=1e6,
     ),
-    PhysicalParameter(part="patch", name="density", unit="kg/m3", meaning="Density of patch pair {}"),
-    PhysicalParameter(part="patch", name="youngs_modulus", unit="Pa", meaning="Young's modulus of patch pair {}"),
+    PhysicalParameter(
+        part="patch",
+        name="density",
+        unit="kg/m3",
+        meaning="Density of patch pair {}",
+        minimum=1.0,
+        maximum=1e6,
+    ),
+    PhysicalParameter(
+        part="patch",
+        name="youngs_modulus",
+        unit="Pa",
+        meaning="Young's modulus of patch pair {}",
+        minimum=1e6,
+        maximum=1e14,
+    ),
     PhysicalParameter(
         part="patch",
         name="viscous_damping",
         unit="N.s/m2",
         meaning="Viscous damping gamma^v of patch pair {}",
         may_vanish=True,
+        minimum=0.0,
+        maximum=1e6,
     ),
     PhysicalParameter(
         part="patch",
@@ -63,11 +107,26 @@ PARAMETERS = (
         unit="N.s",
         meaning="Structural damping gamma^sv of patch pair {}",
         may_vanish=True,
+        minimum=0.0,
+        maximum=1e6,
     ),
     PhysicalParameter(
-        part="patch", name="piezo_ratio", unit="C/m2", meaning="Piezo ratio a11/beta of (9) of patch pair {}"
+        part="patch",
+        name="piezo_ratio",
+        unit="C/m2",
+        meaning="Piezo ratio a11/beta of (9) of patch pair {}",
+        minimum=1e-6,
+        maximum=1e6,
     ),
-    PhysicalParameter(part="spring", name="stiffness", unit="N/m", meaning="Stiffness of spring {}"),
+    PhysicalParameter(
+        part="spring",
+        name="stiffness",
+        unit="N/m",
+        meaning="Stiffness of spring {}",
+        may_vanish=True,
+        minimum=0.0,
+        maximum=1e9,
+    ),
 )
 
 

@@ -131,6 +131,14 @@ class Variable:
         raise InterfaceError(f"{self.name}: {key} must be {rule}, got {value!r}")
 
 
+def bounds(variable: Variable) -> tuple[float, float]:
+    """Minimum and maximum of a variable, infinite where there is none."""
+    return (
+        -math.inf if variable.minimum is None else variable.minimum,
+        math.inf if variable.maximum is None else variable.maximum,
+    )
+
+
 def array(name: str, n: int, *, start: object = None, description: str = "", **common: Any) -> tuple[Variable, ...]:
     """The n elements name[1] .. name[n]; a name that contains [] takes the index there.
 

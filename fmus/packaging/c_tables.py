@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexbeams.fmus.errors import BuildError
-from flexbeams.fmus.interface.variables import Interface, Variable
+from flexbeams.fmus.interface.variables import Interface, Variable, bounds
 from flexbeams.fmus.units.native_kernel import (
     NATIVE,
     Fields,
@@ -127,17 +127,19 @@ def description_tables(interface: Interface, guid: str, hooks: str, data: str, d
             texts.append(str(start or ""))
             start = len(texts) - 1
         kinds.append(_kind(variable, variable.array in deferred))
-        low, high = _bounds(variable)
+        low, high = bounds(variable)
         variables.append(
             f"    {{.start = {c_real(float(start or 0.0))}, .minimum = {c_real(low)}, .maximum = {c_real(high)}, "
             f".name = {c_text(variable.name, NAME_SIZE)}}}, /* {reference}{_shown(variable)} */"
         )
     digest = hashlib.sha256(guid.encode()).digest()
+    results = [f"{{{span.start}, {len(span)}}}" for span in _results(interface, deferred)]
     return [
         c_array("unsigned char unit_kinds[]", "type, causality and more of each variable", [str(k) for k in kinds], 24),
         "/* the variables by value reference: start value and bounds, and as decimals with their unit */\n"
         + "\n".join(["static const Variable unit_variables[] = {", *variables, "};", ""]),
         c_array("char unit_texts[][TEXT_SIZE]", "the strings", [c_text(t, TEXT_SIZE) for t in texts or [""]], 1),
+        c_array("Results unit_results[]", "variables that a step computes: first and number", results or ["{0, 0}"], 8),
         "\n".join(
             [
                 "INTERNAL_DATA const UnitDescription this_unit = {",
@@ -153,6 +155,8 @@ def description_tables(interface: Interface, guid: str, hooks: str, data: str, d
                 "    .kinds = unit_kinds,",
                 "    .variables = unit_variables,",
                 "    .texts = unit_texts,",
+                f"    .result_count = {len(results)},",
+                "    .results = unit_results,",
                 "};",
                 "",
             ]
@@ -160,16 +164,20 @@ def description_tables(interface: Interface, guid: str, hooks: str, data: str, d
     ]
 
 
+def _results(interface: Interface, deferred: Collection[str]) -> list[range]:
+    """Value references of the variables that a step computes at once, those in a row in one range."""
+    spans: list[range] = []
+    for k, v in enumerate(interface):
+        if v.causality not in ("output", "local") or v.type == "String" or v.array in deferred:
+            continue
+        joined = spans and spans[-1].stop == k
+        spans[-1:] = [range(spans[-1].start, k + 1)] if joined else [*spans[-1:], range(k, k + 1)]
+    return spans
+
+
 def _kind(variable: Variable, deferred: bool) -> int:
     kind = _TYPES.index(variable.type) | _CAUSALITIES.index(variable.causality) << 2
     return kind | 32 * (variable.variability == "fixed") | 64 * deferred
-
-
-def _bounds(variable: Variable) -> tuple[float, float]:
-    return (
-        -math.inf if variable.minimum is None else variable.minimum,
-        math.inf if variable.maximum is None else variable.maximum,
-    )
 
 
 def _shown(variable: Variable) -> str:

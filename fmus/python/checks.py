@@ -30,7 +30,7 @@ def variable_of(variables: Sequence[dict[str, Any]], reference: int, kind: str) 
 
 
 def require_settable(variable: dict[str, Any], value: Any, phase: int) -> None:
-    """CallError for what may not be set now, and for values that are not finite or, of a parameter, out of bounds."""
+    """CallError for what may not be set now, and for values that are not finite or out of bounds."""
     name, causality = variable["name"], variable["causality"]
     if causality not in ("input", "parameter"):
         raise CallError(f"{name} is {causality} and cannot be set, got {value!r}")
@@ -40,9 +40,16 @@ def require_settable(variable: dict[str, Any], value: Any, phase: int) -> None:
         return
     if not math.isfinite(value):
         raise CallError(f"{name} must be finite, got {value!r}")
-    if causality == "parameter":
-        minimum, maximum = variable.get("minimum"), variable.get("maximum")
-        if minimum is not None and value < minimum:
-            raise CallError(f"{name} must be >= {minimum!r}, got {value!r}")
-        if maximum is not None and value > maximum:
-            raise CallError(f"{name} must be <= {maximum!r}, got {value!r}")
+    minimum, maximum = variable.get("minimum"), variable.get("maximum")
+    if minimum is not None and value < minimum:
+        raise CallError(f"{name} must be >= {minimum!r}, got {value!r}")
+    if maximum is not None and value > maximum:
+        raise CallError(f"{name} must be <= {maximum!r}, got {value!r}")
+
+
+def common_bounds(variables: Sequence[dict[str, Any]]) -> tuple[float, float]:
+    """The range of values that all of some variables may have."""
+    return (
+        max((v.get("minimum", -math.inf) for v in variables), default=-math.inf),
+        min((v.get("maximum", math.inf) for v in variables), default=math.inf),
+    )

@@ -32,6 +32,7 @@ from flexbeams.fmus.python.checks import (
     INSTANTIATED,
     STEPPING,
     TERMINATED,
+    common_bounds,
     require_phase,
     require_settable,
     variable_of,
@@ -112,7 +113,7 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         clock = self.clock
         if (refusal := clock.refusal(current_time, step_size, self._tables.step_size)) is not None:
             raise UnitError(refusal)
-        self.advance(clock.elapsed, step_size)
+        self._compute(lambda: self.advance(clock.elapsed, step_size))
         clock.advance(current_time, step_size)
         self.values[0] = clock.start + clock.elapsed
         return True
@@ -161,11 +162,16 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
     def set_real(self, references: list[int], values: list[float]) -> None:
         """fmi2SetReal."""
         try:
-            selector = self._writable.get(tuple(references))
-            if selector is None or not math.isfinite(sum(values)):
-                self._set("Real", references, values)
-            else:
+            selector, low, high = self._writable.get(tuple(references), (None, 0.0, 0.0))
+            if (
+                selector is not None
+                and math.isfinite(sum(values))  # min and max overlook NaN
+                and low <= min(values)
+                and max(values) <= high
+            ):
                 self.values[selector] = values
+            else:
+                self._set("Real", references, values)
         except BaseException as error:
             self._fail(error)
 
@@ -230,12 +236,28 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         self._phase = phase
         self._readable: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}
         self._readable_booleans: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}  # the same of Booleans
-        self._writable: dict[tuple[int, ...], slice | NDArray[np.intp]] = {}
+        # with the bounds that the values have in common
+        self._writable: dict[tuple[int, ...], tuple[slice | NDArray[np.intp], float, float]] = {}
 
     def _refresh(self) -> None:
         if self._stale:
-            self.initialise()
+            self._compute(self.initialise)
             self._stale = False
+
+    def _compute(self, results: Callable[[], None]) -> None:
+        """Values from `results`; where it fails, or one is not finite, they stay what they are."""
+        values, before = self.values, self.values.copy()
+        try:
+            results()
+            finite = np.isfinite(values)
+            if finite.all():
+                return
+            place = int(np.argmin(finite))
+            name, value = self._tables.variables[place]["name"], float(values[place])
+            raise UnitError(f"{name} must be finite, a step gives {value!r}: it keeps its last value")
+        except BaseException:
+            values[:] = before
+            raise
 
     def _get(self, kind: str, references: list[int], convert: Callable[[Any], Value]) -> list[Value]:
         for reference in references:
@@ -264,7 +286,7 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
             self.values[selector] = values
             only_inputs = kind == "Real" and all(v["causality"] == "input" for v in variables)
             if only_inputs and self._phase == STEPPING and len(self._writable) < CACHED_CALLS:
-                self._writable[tuple(references)] = selector
+                self._writable[tuple(references)] = (selector, *common_bounds(variables))
         self._stale = True
 
     def _fail(self, error: BaseException) -> NoReturn:

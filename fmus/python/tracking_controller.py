@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
+
+MOST_REJECTED = 2**31 - 1  # largest Integer of FMI
 
 
 class TrackingController(Unit):
@@ -28,9 +31,12 @@ class TrackingController(Unit):
         errors, voltages = np.split(self.data["regulator"], (states,), axis=1)
         through = np.vstack([np.eye(n_u), np.zeros((n_u, n_u))])
         self._regulate = self._side_by_side(x_ref=errors[:, :m], x_est=-errors, u_ff=through + voltages, u=-voltages)
-        self._estimates = self.data["estimates"]
+        self._estimates, self._strains = self.data["estimates"], self.data["strains"]
+        self._strain_limit, self._rejected_limit = self.view("strain_limit"), self.view("rejected_limit")
+        self._rejected_samples = self.view("rejected_samples")
         self._integral = self.state_array("integral", n_u)  # V
         self._tick = self.state_array("tick", 1, np.int64)  # ticks run since the start
+        self._in_a_row = self.state_array("rejected_in_a_row", len(self._y_pm))  # strain samples that were left out
 
     def _side_by_side(self, **parts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The matrix that applies each part to the unit's signals, from the variable of its name on."""
@@ -47,6 +53,7 @@ class TrackingController(Unit):
         self._offsets[:] = 0.0
         self._integral[:] = 0.0
         self._tick[0] = 0
+        self._in_a_row[:] = self._rejected_samples[0] = 0.0
         self._write_outputs(self._u_ff)
 
     def advance(self, time: float, step: float) -> None:
@@ -58,7 +65,16 @@ class TrackingController(Unit):
             self._tick[0] += 1
 
     def _run_tick(self) -> None:
-        self._estimate[:] = self._predict @ self._signals
+        y_pm = self._y_pm
+        low = -(limit := self._strain_limit[0])
+        if y_pm.min() >= low and y_pm.max() <= limit:  # NaN is not
+            self._in_a_row[:] = 0.0
+            self._estimate[:] = self._predict @ self._signals
+        else:
+            measured = y_pm.copy()
+            self._screen_samples(~(np.abs(y_pm) <= limit))
+            self._estimate[:] = self._predict @ self._signals
+            y_pm[:] = measured
         if not self._feedback[0]:
             self._offsets[:] = 0.0
             self._integral[:] = 0.0
@@ -70,6 +86,27 @@ class TrackingController(Unit):
         if self._write_outputs(voltages):  # anti-windup: a voltage at its limit does not integrate further out
             growth[(np.abs(voltages) > self._limit[0]) & (voltages * growth > 0)] = 0.0
         self._integral += growth
+
+    def _screen_samples(self, beyond: NDArray[np.bool_]) -> None:
+        """Put what estimate and voltages predict in place of strain samples: it leaves the estimate as it is."""
+        tick, limit = self.meta["sample_time"], float(self._strain_limit[0])
+        self._in_a_row[~beyond] = 0.0
+        for k in np.flatnonzero(beyond).tolist():
+            name, sample = f"y_pm[{k + 1}]", float(self._y_pm[k])
+            if self._rejected_samples[0] == 0:
+                self.warn(
+                    f"{name} at {self.clock.start + self._tick[0] * tick:.6g} s is left out of the estimate, as any "
+                    f"sample beyond strain_limit {limit!r}, got {sample!r}"
+                )
+            self._rejected_samples[0] = min(self._rejected_samples[0] + 1, MOST_REJECTED)
+            self._in_a_row[k] += 1
+            if self._in_a_row[k] >= self._rejected_limit[0]:
+                raise UnitError(
+                    f"{name} has been beyond strain_limit {limit!r} for {int(self._in_a_row[k])} samples in a row "
+                    f"(rejected_limit), got {sample!r}"
+                )
+        predicted = self._strains @ np.concatenate((self._estimate, self._u))
+        self._y_pm[beyond] = predicted[beyond]
 
     def _write_outputs(self, voltages: NDArray[np.float64]) -> bool:
         """Voltages within the limit, and the deflections estimated with them; True where the limit reduces one."""

@@ -19,6 +19,7 @@ from flexbeams.fmus.units.native_kernel import (
     UnitData,
     first_references,
 )
+from flexbeams.fmus.units.ranges import Range, force_range, voltage_range
 from flexbeams.plant.galerkin import STATIONS, BeamModel
 from flexbeams.plant.parameters import PARAMETERS, in_unit_order
 from flexbeams.plant.structure import Structure
@@ -30,18 +31,34 @@ def declare(design: Design, model: BeamModel) -> Interface:
     """Voltages and tip forces in, deflections and strains out, every physical parameter settable."""
     structure, limit = model.structure, design.options.voltage_limit
     r, n_u = len(structure.beam), len(structure.patch)
+    voltages = voltage_range(design)
     return Interface(
         unit_name=BEAM_PLANT.name,
         variables=(
             TIME,
             *array(
-                "u", n_u, causality="input", unit="V", start=0.0, nominal=limit, description="Voltage of patch pair {}"
+                "u",
+                n_u,
+                causality="input",
+                unit="V",
+                start=0.0,
+                nominal=limit,
+                description="Voltage of patch pair {}",
+                **voltages,
             ),
-            *array("force", r, causality="input", unit="N", start=0.0, description="Force on the tip of beam {}"),
+            *array(
+                "force",
+                r,
+                causality="input",
+                unit="N",
+                start=0.0,
+                description="Force on the tip of beam {}",
+                **force_range(model),
+            ),
             *_outputs(structure),
             *_locals(r),
             *_physical_parameters(structure),
-            *_start_parameters(n_u, limit),
+            *_start_parameters(n_u, limit, voltages),
             design_id_variable(design),
         ),
         step_size=design.options.sample_time,
@@ -100,13 +117,14 @@ def _physical_parameters(structure: Structure) -> Iterator[Variable]:
             causality="parameter",
             unit=entry.unit,
             start=starts,
-            minimum=0.0,
+            minimum=min([entry.minimum, *starts]),
+            maximum=max([entry.maximum, *starts]),
             nominal=max(starts, default=0.0) or 1.0,
             description=entry.meaning,
         )
 
 
-def _start_parameters(n_u: int, limit: float) -> Iterator[Variable]:
+def _start_parameters(n_u: int, limit: float, voltages: Range) -> Iterator[Variable]:
     yield from array(
         "start_at_rest_under",
         n_u,
@@ -115,6 +133,7 @@ def _start_parameters(n_u: int, limit: float) -> Iterator[Variable]:
         start=0.0,
         nominal=limit,
         description="Voltage of patch pair {} under which the structure rests at the start",
+        **voltages,
     )
     yield Variable(
         name="strain_noise_std",
@@ -122,6 +141,7 @@ def _start_parameters(n_u: int, limit: float) -> Iterator[Variable]:
         unit="1",
         start=0.0,
         minimum=0.0,
+        maximum=1.0,
         nominal=1e-6,
         description="Standard deviation of white noise on the strains, a new value each sample time",
     )

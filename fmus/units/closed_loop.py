@@ -11,7 +11,7 @@ from typing import Any
 
 from flexbeams.fmus.documents.documentation import PAPER, Chapter
 from flexbeams.fmus.errors import InterfaceError
-from flexbeams.fmus.interface.variables import TIME, Interface, Variable
+from flexbeams.fmus.interface.variables import TIME, Interface, Variable, bounds
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.fmus.units.native_kernel import NATIVE, Fields, NativeKernel, Records, Text, UnitData
 
@@ -154,13 +154,13 @@ def closed_loop_data(parts: Sequence[LoopPart], wires: Sequence[LoopWire], coupl
     The data of part k, counted from 1, is a struct part_k.
     """
     sources, references = {w.to: w.source for w in wires}, part_references(parts)
-    runs: list[dict[str, int]] = []
+    runs: list[dict[str, Any]] = []
     rows: list[dict[str, Any]] = []
     for number, part in enumerate(parts, 1):
         first = len(runs)
         for v in part.variables:
             if (to := f"{part.name}.{v.name}") in sources:
-                _extend(runs, first, references[sources[to]], references[to])
+                _extend(runs, first, references[sources[to]], references[to], v)
         rows.append(
             {
                 "hooks": f"&{part.kind.require_native().hooks}",
@@ -175,13 +175,19 @@ def closed_loop_data(parts: Sequence[LoopPart], wires: Sequence[LoopWire], coupl
     return UnitData(meta={"parts": rows, "wires": runs, "is_sequential": coupling == "gauss-seidel"})
 
 
-def _extend(runs: list[dict[str, int]], first: int, source: int, to: int) -> None:
-    """One more wire: the last run of those from `first` on, or a new one."""
+def _extend(runs: list[dict[str, Any]], first: int, source: int, to: int, v: Variable) -> None:
+    """One more wire to the input `v`: the last run of those from `first` on, or a new one."""
+    low, high = bounds(v)
     last = runs[-1] if len(runs) > first else None
-    if last is not None and (source, to) == (last["from"] + last["count"], last["to"] + last["count"]):
+    if last is not None and (source, to, low, high) == (
+        last["from"] + last["count"],
+        last["to"] + last["count"],
+        last["minimum"],
+        last["maximum"],
+    ):
         last["count"] += 1
     else:
-        runs.append({"from": source, "to": to, "count": 1})
+        runs.append({"from": source, "to": to, "count": 1, "minimum": low, "maximum": high})
 
 
 def native_data(interface: Interface, data: UnitData) -> Fields:
@@ -193,7 +199,7 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
         "wire_count": len(wires),
         "wires": Records(
             type="LoopWire",
-            rows=wires or [{"from": 0, "to": 0, "count": 0}],
+            rows=wires or [{"from": 0, "to": 0, "count": 0, "minimum": 0.0, "maximum": 0.0}],
             comment="from outputs to inputs, by value reference",
         ),
         "is_sequential": data.meta["is_sequential"],

@@ -20,6 +20,7 @@ from flexbeams.fmus.units.native_kernel import (
     first_references,
     header_constant,
 )
+from flexbeams.fmus.units.ranges import largest_targets, voltage_range
 from flexbeams.plant.galerkin import BeamModel
 
 SLOTS = header_constant(NATIVE / "units" / "flat_output.h", "SLOTS")  # transitions in progress at once
@@ -35,15 +36,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
         unit_name=FLATNESS_FEEDFORWARD.name,
         variables=(
             TIME,
-            *array(
-                "y_target",
-                n_pi,
-                causality="input",
-                unit="m",
-                start=0.0,
-                nominal=1e-3,
-                description="Target deflection of point of interest {}; a change starts a transition",
-            ),
+            *_targets(design),
             *array("u_ff", n_u, unit="V", nominal=limit, description="Feedforward voltage of patch pair {}", **target),
             *array("x_ref", m, unit="1", description="Reference of reduced state {}", **target),
             *array(
@@ -56,7 +49,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
             ),
             Variable(name="moving", type="Boolean", causality="output", description="A transition is in progress"),
             *_last_plan(limit),
-            *_parameters(options.transition_time, limit),
+            *_parameters(options.transition_time, limit, voltage_range(design)["maximum"]),
             design_id_variable(design),
         ),
         step_size=options.sample_time,
@@ -64,6 +57,20 @@ def declare(design: Design, model: BeamModel) -> Interface:
         description="Flatness-based motion planning and feedforward: smooth, "
         f"superposable transitions of Gevrey order {options.gevrey_order:g} between rest positions",
     )
+
+
+def _targets(design: Design) -> Iterator[Variable]:
+    for k, largest in enumerate(largest_targets(design), 1):
+        yield Variable(
+            name=f"y_target[{k}]",
+            causality="input",
+            unit="m",
+            start=0.0,
+            nominal=1e-3,
+            description=f"Target deflection of point of interest {k}; a change starts a transition",
+            minimum=-largest,
+            maximum=largest,
+        )
 
 
 def _last_plan(limit: float) -> Iterator[Variable]:
@@ -88,7 +95,7 @@ def _last_plan(limit: float) -> Iterator[Variable]:
     )
 
 
-def _parameters(transition_time: float, limit: float) -> Iterator[Variable]:
+def _parameters(transition_time: float, limit: float, largest_limit: float) -> Iterator[Variable]:
     yield Variable(
         name="transition_time",
         causality="parameter",
@@ -105,6 +112,7 @@ def _parameters(transition_time: float, limit: float) -> Iterator[Variable]:
         variability="tunable",
         start=limit,
         minimum=0.0,
+        maximum=largest_limit,
         unit="V",
         nominal=limit,
         description="Largest voltage magnitude planned with",

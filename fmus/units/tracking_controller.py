@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from flexbeams.controller.design import Design
 from flexbeams.controller.observer import tick_matrices
@@ -10,6 +11,7 @@ from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.tracking_controller import controller_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
 from flexbeams.fmus.units.native_kernel import NATIVE, Fields, NativeKernel, Table, UnitData, first_references
+from flexbeams.fmus.units.ranges import state_range, voltage_range
 from flexbeams.plant.galerkin import BeamModel
 
 
@@ -32,6 +34,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
             ),
             *_offsets(design),
             *_parameters(design),
+            _rejected(),
             design_id_variable(design),
         ),
         step_size=design.options.sample_time,
@@ -56,7 +59,7 @@ def _offsets(design: Design) -> Iterator[Variable]:
 
 def _inputs(design: Design) -> Iterator[Variable]:
     n_u, m = design.arrays["feedback_gain"].shape
-    held = {"causality": "input", "start": 0.0}
+    held: dict[str, Any] = {"causality": "input", "start": 0.0}
     yield from array(
         "y_pm", len(design.arrays["H_pm"]), unit="1", nominal=1e-4, description="Measured strain at gauge {}", **held
     )
@@ -66,9 +69,10 @@ def _inputs(design: Design) -> Iterator[Variable]:
         unit="V",
         nominal=design.options.voltage_limit,
         description="Feedforward voltage of patch pair {}",
+        **voltage_range(design),
         **held,
     )
-    yield from array("x_ref", m, unit="1", description="Reference of reduced state {}", **held)
+    yield from array("x_ref", m, unit="1", description="Reference of reduced state {}", **state_range(design), **held)
 
 
 def _outputs(design: Design) -> Iterator[Variable]:
@@ -126,17 +130,51 @@ def _parameters(design: Design) -> Iterator[Variable]:
         variability="tunable",
         start=design.options.voltage_limit,
         minimum=0.0,
+        maximum=voltage_range(design)["maximum"],
         unit="V",
         nominal=design.options.voltage_limit,
         description="Largest magnitude of the output voltages",
     )
+    yield Variable(
+        name="strain_limit",
+        causality="parameter",
+        variability="tunable",
+        start=0.1,
+        minimum=0.0,
+        maximum=1.0,
+        unit="1",
+        description="Largest plausible magnitude of a strain; a sample beyond is left out of the estimate",
+    )
+    yield Variable(
+        name="rejected_limit",
+        type="Integer",
+        causality="parameter",
+        variability="tunable",
+        start=50,
+        minimum=1,
+        description="Samples of one gauge left out in a row that end the run with an error",
+    )
+
+
+def _rejected() -> Variable:
+    return Variable(
+        name="rejected_samples",
+        type="Integer",
+        causality="local",
+        description="Strain samples left out of the estimate since the start",
+    )
 
 
 def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitData:
-    """The matrices of a tick, see controller.observer: filter, regulator, estimates."""
+    """The matrices of a tick, see controller.observer: filter, regulator, estimates, strains."""
     matrices = tick_matrices(design.arrays)
     return UnitData(
-        arrays={"filter": matrices.filter, "regulator": matrices.regulator, "estimates": matrices.estimates},
+        arrays={
+            "filter": matrices.filter,
+            "regulator": matrices.regulator,
+            "estimates": matrices.estimates,
+            "strains": matrices.strains,
+        },
         meta={"sample_time": design.options.sample_time, "design_id": design.design_id},
     )
 
@@ -164,6 +202,9 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
             "feedback",
             "integral_gain",
             "voltage_limit",
+            "strain_limit",
+            "rejected_limit",
+            "rejected_samples",
         ),
         "filter": Table(
             values=data.arrays["filter"],
@@ -182,6 +223,11 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
         "estimates": Table(
             values=data.arrays["estimates"],
             comment=f"[H_pi, D_pi] of y_est, ({points}, {states} + {voltages}), m and m/V",
+            in_panels=True,
+        ),
+        "strains": Table(
+            values=data.arrays["strains"],
+            comment=f"[H_pm, D_pm] of the strains predicted, ({gauges}, {states} + {voltages}), 1 and 1/V",
             in_panels=True,
         ),
     }

@@ -250,7 +250,7 @@ def test_starts_on_the_reference(units: BuiltUnits) -> None:
 
 def test_start_voltage_beyond_the_limit_is_held_there(units: BuiltUnits) -> None:
     with loaded(units("TrackingController")) as unit:
-        unit.begin(u_ff=[1200.0, -50.0, 0.0, -1e9])
+        unit.begin(u_ff=[1200.0, -50.0, 0.0, -1e4])
         assert unit.take("u", "saturated").tolist() == [1000.0, -50.0, 0.0, -1000.0, 1.0]
 
 

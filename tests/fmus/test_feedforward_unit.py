@@ -112,10 +112,10 @@ def test_transitions_add_up(units: BuiltUnits) -> None:
     parts, before = np.zeros((1850, 38)), np.zeros(4)
     for k, target in changes.items():
         with loaded(units("FlatnessFeedforward")) as unit:
-            parts += trace(unit.begin(voltage_limit=1e6), 1850, 1e-3, y_target={k: target - before})
+            parts += trace(unit.begin(voltage_limit=1e4), 1850, 1e-3, y_target={k: target - before})
         before = target
     with loaded(units("FlatnessFeedforward")) as unit:
-        found = trace(unit.begin(voltage_limit=1e6), 1850, 1e-3, y_target=changes)
+        found = trace(unit.begin(voltage_limit=1e4), 1850, 1e-3, y_target=changes)
         assert unit.take("moving")[0] == 0
     assert_groups_close(found, parts, 1e-12)
     np.testing.assert_allclose(found[-1, :4], voltages_of(before), rtol=1e-12)
@@ -130,12 +130,12 @@ def test_transitions_of_different_durations_add_up(units: BuiltUnits) -> None:
     for k, (target, time) in changes.items():
         with loaded(folder) as unit:
             parts += trace(
-                unit.begin(voltage_limit=1e6, transition_time=time), 1400, 1e-3, y_target={k: target - before}
+                unit.begin(voltage_limit=1e4, transition_time=time), 1400, 1e-3, y_target={k: target - before}
             )
         before = target
     with loaded(folder) as unit:
         found = trace(
-            unit.begin(voltage_limit=1e6),
+            unit.begin(voltage_limit=1e4),
             1400,
             1e-3,
             y_target={k: target for k, (target, _) in changes.items()},
@@ -275,7 +275,7 @@ def test_fast_transition_is_stretched_to_the_limit(units: BuiltUnits, wanted: fl
         # A step of the planner's table shorter would break the limit
         shapes = design_of().arrays["shape_times"]
         with loaded(units("FlatnessFeedforward")) as faster:
-            faster.begin(transition_time=time / (shapes[1] / shapes[0]) * 0.999, voltage_limit=1e6)
+            faster.begin(transition_time=time / (shapes[1] / shapes[0]) * 0.999, voltage_limit=1e4)
             assert np.abs(trace(faster, 4000, 5e-4, y_target={0: TARGET * share})[:, :4]).max() > 999.0
 
 

@@ -51,6 +51,14 @@ def switch(rng: np.random.Generator) -> bool:
     return bool(rng.integers(2))
 
 
+def spiked(rng: np.random.Generator) -> Real:
+    """Strains, one of them absurd three times of ten."""
+    strains = rng.normal(0.0, 3e-5, 6)
+    if rng.uniform() < 0.3:
+        strains[rng.integers(6)] = rng.choice([0.2, -1e308])
+    return strains
+
+
 def target(rng: np.random.Generator) -> Real:
     """Reachable nine times of ten."""
     voltages = rng.uniform(-700.0, 700.0, 4) * (5.0 if rng.uniform() < 0.1 else 1.0)
@@ -69,8 +77,7 @@ PROFILES = {
             "start_at_rest_under": normal(300.0, 4),
         },
         values={"u": normal(300.0, 4), "force": normal(0.05, 3)},
-        refused=[("u[2]", np.nan), ("beam[1].tip_mass", -1.0), ("noise_seed", -1)],
-        impossible=[{"beam[2].density": 0.0}, {"beam[1].tip_mass": 1e308, "beam[1].density": 1e308}],
+        refused=[("u[2]", np.nan), ("u[1]", 1e308), ("force[3]", -1e308), ("beam[1].density", 0.0), ("noise_seed", -1)],
     ),
     "FlatnessFeedforward": Profile(
         steps=(2e-4, 1e-3, 0.05, 0.31),
@@ -81,7 +88,7 @@ PROFILES = {
             "voltage_limit": uniform(700.0, 1100.0),
             "preview": uniform(0.0, 0.02),
         },
-        refused=[("y_target[1]", np.inf), ("transition_time", 1e-4), ("voltage_limit", -1.0)],
+        refused=[("y_target[1]", np.inf), ("y_target[2]", 1e308), ("transition_time", 1e-4), ("voltage_limit", -1.0)],
         impossible=[{"voltage_limit": 12.5, "y_target": -2e-3}],
         burst="y_target",
         moving="moving",
@@ -90,14 +97,15 @@ PROFILES = {
         steps=(2e-4, 1e-3, 5e-5, 7e-4),
         starts={"u_ff": normal(300.0, 4), "x_ref": normal(1e-2, 30), "integral_gain": uniform(0.0, 1e-3)},
         values={
-            "y_pm": normal(3e-5, 6),
+            "y_pm": spiked,
             "u_ff": normal(400.0, 4),
             "x_ref": normal(1e-2, 30),
             "feedback": switch,
             "integral_gain": uniform(0.0, 1e-3),
             "voltage_limit": uniform(300.0, 1000.0),
+            "strain_limit": uniform(1e-4, 0.1),
         },
-        refused=[("y_pm[3]", np.nan), ("integral_gain", 1.5), ("voltage_limit", -1.0)],
+        refused=[("y_pm[3]", np.nan), ("u_ff[1]", 1e308), ("x_ref[7]", -1e308), ("integral_gain", 1.5), ("voltage_limit", -1.0)],
     ),
 }
 PROFILES["BeamClosedLoop"] = Profile(
@@ -112,7 +120,7 @@ PROFILES["BeamClosedLoop"] = Profile(
         "feedforward.voltage_limit": uniform(700.0, 1100.0),
     },
     refused=[("force[1]", np.nan), ("controller.integral_gain", 1.5), ("feedforward.transition_time", 1e-4)],
-    impossible=[{"plant.beam[2].density": 0.0}, {"plant.beam[1].tip_mass": 1e308, "plant.beam[1].density": 1e308}],
+    impossible=[{"feedforward.voltage_limit": 12.5, "y_target": -2e-3}],
     burst="y_target",
     moving="moving",
 )

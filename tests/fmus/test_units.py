@@ -76,7 +76,13 @@ def test_variables_of_the_units(workshop: Workshop, structure: str, basis: str) 
         "TrackingController": {
             "input": {"y_pm": n_pm, "u_ff": n_u, "x_ref": m},
             "output": {"u": n_u, "y_est": n_pi, "saturated": 1},
-            "parameter": {"feedback": 1, "integral_gain": 1, "voltage_limit": 1},
+            "parameter": {
+                "feedback": 1,
+                "integral_gain": 1,
+                "voltage_limit": 1,
+                "strain_limit": 1,
+                "rejected_limit": 1,
+            },
         },
     }
     for unit, kinds in expected.items():

@@ -30,13 +30,14 @@ def test_units_of_measurement_are_those_of_the_fmus() -> None:
 
 
 def test_what_may_vanish() -> None:
-    """Without damping or a tip mass a structure still moves; without stiffness, mass or piezo effect it does not."""
+    """Without damping, tip masses and springs a structure still moves; without mass or piezo effect it does not."""
     assert {entry.name for entry in PARAMETERS if entry.may_vanish} == {
         "tip_mass",
         "viscous_damping",
         "structural_damping",
+        "stiffness",
     }
     assert parameter("beam", "tip_mass").rule == "must be finite and >= 0"
-    assert parameter("spring", "stiffness").rule == "must be finite and > 0"
+    assert parameter("beam", "density").rule == "must be finite and > 0"
     with pytest.raises(KeyError, match=r"spring\[\]\.length"):
         parameter("spring", "length")

@@ -81,6 +81,14 @@ static void clear_memory(void *memory, size_t size)
     }
 }
 
+static size_t count_results(const UnitDescription *description)
+{
+    size_t count = 0;
+    for (size_t k = 0; k < description->result_count; k++)
+        count += description->results[k].count;
+    return count;
+}
+
 /* Memory for an instance of a unit, in one block; NULL where there is not enough. */
 static Instance *allocate_instance(const UnitDescription *description, fmi2String name,
                                    const fmi2CallbackFunctions *functions)
@@ -88,7 +96,8 @@ static Instance *allocate_instance(const UnitDescription *description, fmi2Strin
     const UnitHooks *const hooks = description->hooks;
     const size_t count = description->variable_count;
     const size_t saved = 2 * count + unit_state_size(hooks, description->data);
-    const size_t doubles = saved + CACHE_LINE / sizeof(double) + unit_workspace_size(hooks, description->data);
+    const size_t before_kept = saved + CACHE_LINE / sizeof(double) + unit_workspace_size(hooks, description->data);
+    const size_t doubles = before_kept + count_results(description);
     const size_t size = sizeof(Instance) + doubles * sizeof(double) + strlen(name) + 1;
     const bool own = functions->allocateMemory == NULL || functions->freeMemory == NULL;
     Instance *const instance = own ? calloc(1, size) : functions->allocateMemory(1, size);
@@ -108,6 +117,7 @@ static Instance *allocate_instance(const UnitDescription *description, fmi2Strin
         .workspace = align_to_line(memory + saved),
         .log = log_of_unit,
     };
+    instance->kept = memory + before_kept;
     instance->description = description;
     instance->callbacks = *functions;
     instance->name = strcpy((char *)(memory + doubles), name);
@@ -278,8 +288,12 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step, fmi
     const size_t count = instance->description->variable_count;
     double *const slopes = unit->values + count;
     unit->slopes = now->sloped ? slopes : NULL;
-    if (!unit->hooks->advance(unit, unit->elapsed, step))
+    keep_results(instance);
+    instance->warned = false;
+    if (!unit->hooks->advance(unit, unit->elapsed, step) || !check_results(instance)) {
+        take_back_results(instance);
         return fmi2Error;
+    }
     if (now->sloped)
         memset(slopes, 0, count * sizeof *slopes);
     now->sloped = false;
@@ -287,7 +301,7 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step, fmi
     unit->elapsed = clock_elapsed(&now->clock);
     unit->values[0] = unit->start + unit->elapsed;
     instance->incomplete = true;
-    return fmi2OK;
+    return instance->warned ? fmi2Warning : fmi2OK;
 }
 
 fmi2Status fmi2CancelStep(fmi2Component component)

@@ -218,8 +218,8 @@ static Clock read_clock(const unsigned char *bytes)
 }
 
 /* Can a unit have saved these bytes? Its clock and the variable time agree, whatever could be set must be within its
-   bounds, integers convert. */
-static bool is_plausible(const UnitDescription *unit, const unsigned char *bytes)
+   bounds, integers convert; all is finite unless a step failed. */
+static bool is_plausible(const UnitDescription *unit, const unsigned char *bytes, size_t saved_count)
 {
     const Clock clock = read_clock(bytes);
     bool all = read_integer(bytes + PHASE_AT, 8) <= TERMINATED && clock_is_valid(&clock) &&
@@ -231,10 +231,10 @@ static bool is_plausible(const UnitDescription *unit, const unsigned char *bytes
         if ((unit->kinds[k] & TYPE_MASK) == INTEGER)
             all = all && fabs(value) <= INT_MAX;
         if (causality == INPUT || causality == PARAMETER)
-            all = all && isfinite(value);
-        if (causality == PARAMETER)
             all = all && value >= unit->variables[k].minimum && value <= unit->variables[k].maximum;
     }
+    for (size_t k = 0; bytes[FAILURE_AT] == '\0' && k < saved_count; k++)
+        all = all && isfinite(read_real(bytes + HEADER_SIZE + 8 * k));
     return all;
 }
 
@@ -250,7 +250,7 @@ static bool is_intact(Instance *instance, const unsigned char *bytes, size_t siz
         refuse(instance, "FMU state must be complete and unchanged, got %zu damaged bytes", size);
     else if (memcmp(bytes + DIGEST_AT, instance->description->digest, DIGEST_SIZE) != 0)
         refuse(instance, "FMU state must be of the same unit and design, got that of another");
-    else if (size != byte_count(instance) || !is_plausible(instance->description, bytes))
+    else if (size != byte_count(instance) || !is_plausible(instance->description, bytes, instance->saved_count))
         refuse(instance, "FMU state must have contents that this unit can have saved");
     else
         return true;

@@ -1,9 +1,7 @@
 /* FMI 2.0: reading and writing variables. */
 
-#include <float.h>
 #include <limits.h>
 #include <math.h>
-#include <stdint.h>
 #include <string.h>
 
 #include "instance.h"
@@ -172,8 +170,6 @@ static bool settable(Instance *instance, fmi2ValueReference reference, double va
         return decline_value(instance, reference, fixed, NULL, value, text);
     if (!isfinite(value))
         return decline_value(instance, reference, "must be finite", NULL, value, text);
-    if (causality == INPUT)
-        return true;
     const Variable *const variable = &unit->variables[reference];
     if (value < variable->minimum)
         return decline_value(instance, reference, "must be >=", &variable->minimum, value, text);
@@ -193,12 +189,13 @@ static bool writable(Instance *instance, const fmi2ValueReference references[], 
     return check_references(instance, references, count, type, values);
 }
 
-static bool all_finite(const double values[], size_t count)
+/* Are all values within the bounds of variables in a row? NaN is not. */
+static bool within_bounds(const Variable variables[], const double values[], size_t count)
 {
-    uint64_t overflow = 0; /* of the width of a double, so that compilers take several at once */
+    size_t beyond = 0;
     for (size_t k = 0; k < count; k++)
-        overflow |= (uint64_t)(!(fabs(values[k]) <= DBL_MAX));
-    return overflow == 0;
+        beyond += (size_t)!(values[k] >= variables[k].minimum && values[k] <= variables[k].maximum);
+    return beyond == 0;
 }
 
 /* Value k of a call as units hold it; texts have none. */
@@ -241,7 +238,7 @@ fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference referen
     Instance *const instance = component;
     if (instance != NULL && instance->now.phase != TERMINATED && values != NULL &&
         is_run(instance->description, references, count, UCHAR_MAX, REAL | INPUT << CAUSALITY_SHIFT) &&
-        all_finite(values, count)) {
+        within_bounds(instance->description->variables + references[0], values, count)) {
         memcpy(instance->unit.values + references[0], values, count * sizeof *values);
         instance->stale = true;
         return fmi2OK;

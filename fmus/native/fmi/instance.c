@@ -1,9 +1,11 @@
 #include "instance.h"
 
+#include <float.h>
 #include <stdarg.h>
 #include <string.h>
 
 #include "format_line.h"
+#include "ranges.h"
 
 Instance *begin_call(fmi2Component component, const char *function)
 {
@@ -92,6 +94,7 @@ void log_of_unit(UnitInstance *unit, Severity severity, const char *line)
         fail(instance, line);
     else
         say(instance, severity == WARNING ? fmi2Warning : fmi2OK, line);
+    instance->warned = instance->warned || severity == WARNING;
 }
 
 bool require(Instance *instance, Phase phase)
@@ -104,12 +107,54 @@ bool require(Instance *instance, Phase phase)
     return false;
 }
 
+void keep_results(Instance *instance)
+{
+    const UnitDescription *const unit = instance->description;
+    double *kept = instance->kept;
+    for (const Results *span = unit->results; span < unit->results + unit->result_count; span++) {
+        memcpy(kept, instance->unit.values + span->first, span->count * sizeof *kept);
+        kept += span->count;
+    }
+}
+
+bool check_results(Instance *instance)
+{
+    const UnitDescription *const unit = instance->description;
+    const double *const values = instance->unit.values;
+    for (const Results *span = unit->results; span < unit->results + unit->result_count; span++) {
+        if (all_within(span->count, values + span->first, -DBL_MAX, DBL_MAX))
+            continue;
+        size_t k = span->first;
+        while (isfinite(values[k]))
+            k++;
+        refuse(instance, "%s must be finite, a step gives %r: it keeps its last value", unit->variables[k].name,
+               values[k]);
+        return false;
+    }
+    return true;
+}
+
+void take_back_results(Instance *instance)
+{
+    const UnitDescription *const unit = instance->description;
+    const double *kept = instance->kept;
+    for (const Results *span = unit->results; span < unit->results + unit->result_count; span++) {
+        memcpy(instance->unit.values + span->first, kept, span->count * sizeof *kept);
+        kept += span->count;
+    }
+    instance->incomplete = false;
+}
+
 bool refresh(Instance *instance)
 {
-    if (instance->stale && !instance->unit.hooks->initialise(&instance->unit))
+    if (!instance->stale)
+        return true;
+    keep_results(instance);
+    if (!instance->unit.hooks->initialise(&instance->unit) || !check_results(instance)) {
+        take_back_results(instance);
         return false;
-    if (instance->stale)
-        instance->incomplete = true;
+    }
+    instance->incomplete = true;
     instance->stale = false;
     return true;
 }

@@ -15,6 +15,12 @@ typedef enum { INDEPENDENT, PARAMETER, INPUT, OUTPUT, LOCAL } Causality;
 /* A variable's kind in one byte: type | causality << 2 | FIXED | DEFERRED. */
 enum { TYPE_MASK = 3, CAUSALITY_SHIFT = 2, CAUSALITY_MASK = 7, FIXED = 32, DEFERRED = 64 };
 
+/* Variables in a row that a step computes. */
+typedef struct {
+    size_t first; /* value reference */
+    size_t count;
+} Results;
+
 /* A unit: its variables, as in modelDescription.xml, and its mathematics. */
 typedef struct {
     const UnitHooks *hooks;
@@ -27,6 +33,8 @@ typedef struct {
     const unsigned char *kinds;     /* (variable_count,) by value reference */
     const Variable *variables;      /* (variable_count,) by value reference */
     const char (*texts)[TEXT_SIZE]; /* the string variables */
+    size_t result_count;
+    const Results *results;         /* (result_count,) what a step computes at once, ascending */
 } UnitDescription;
 
 /* The unit that this file is compiled into; its tables define it. */
@@ -47,12 +55,14 @@ typedef struct {
     Condition now;
     bool stale;           /* parameters or inputs were set since the unit was initialised */
     bool incomplete;      /* the deferred variables lag behind the state */
+    bool warned;          /* a warning was logged in the step under way */
     const char *function; /* the FMI function under way */
     unsigned logged;      /* bit s is set where lines of status s go into the log */
     fmi2CallbackFunctions callbacks;
     char *name;
+    double *kept;       /* results before the step under way */
     size_t saved_count; /* doubles at the start of `memory` that are saved: values, slopes and state */
-    double memory[];    /* those, then workspace and name */
+    double memory[];    /* those, then workspace, kept results and name */
 } Instance;
 
 /* The instance behind a component, or NULL; notes the function for the log. */
@@ -76,6 +86,10 @@ INTERNAL bool require(Instance *instance, Phase phase);
 
 /* First state and outputs for what was set since; false where it is refused. */
 INTERNAL bool refresh(Instance *instance);
+/* The results of a step: keep those from before it; are the new ones finite? If not, it is refused; back to the kept. */
+INTERNAL void keep_results(Instance *instance);
+INTERNAL bool check_results(Instance *instance);
+INTERNAL void take_back_results(Instance *instance);
 /* Bring the deferred variables up to date. */
 INTERNAL void complete(Instance *instance);
 

@@ -14,6 +14,7 @@
 #include "linear_system.h"
 #include "normal_number.h"
 #include "plant_matrices.h"
+#include "ranges.h"
 
 #define SAME_STATE 1e-9 /* of the largest entry of x */
 
@@ -147,8 +148,8 @@ static bool beam_plant_restore(UnitInstance *unit)
     double largest = 0.0;
     double difference = 0.0;
     for (size_t k = 0; k < at.states; k++) {
-        largest = fmax(largest, fabs(saved[k]));
-        difference = fmax(difference, fabs(own[k] - saved[k]));
+        largest = larger(largest, fabs(saved[k]));
+        difference = larger(difference, fabs(own[k] - saved[k]));
     }
     if (difference <= SAME_STATE * largest)
         return true;
@@ -168,12 +169,28 @@ static void copy_inputs(const BeamPlantData *plant, const double *from, double f
         to[plant->patches + k] = factor * from[plant->force + k];
 }
 
+/* Do inputs that grow end within their bounds? */
+static bool check_growth(UnitInstance *unit, unsigned first, size_t count, double step)
+{
+    for (unsigned k = first; k < first + count; k++) {
+        const double end = unit->values[k] + unit->slopes[k] * step;
+        const Variable *const input = &unit->variables[k];
+        if (!(end >= input->minimum && end <= input->maximum))
+            return unit_refuse(unit, "%s must be within %r..%r at the end of the step, its derivative %r gives %r",
+                               input->name, input->minimum, input->maximum, unit->slopes[k], end);
+    }
+    return true;
+}
+
 static bool beam_plant_advance(UnitInstance *unit, double time, double step)
 {
     const BeamPlantData *const plant = unit->data;
     const PlantLayout at = plant_layout(plant);
     const LinearSystem system = system_of(unit, &at);
     if (!beam_plant_prepare(unit, step))
+        return false;
+    if (unit->slopes != NULL &&
+        !(check_growth(unit, plant->u, plant->patches, step) && check_growth(unit, plant->force, plant->beams, step)))
         return false;
     double *const v = unit->workspace + at.inputs;
     double *const growth = v + system.inputs;

@@ -9,6 +9,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "ranges.h"
+
 #define DIVISIONS 0x1p+30 /* of a step of h: equal pieces are equal to the last digit whatever the clock shows */
 #define LINE_DOUBLES 8    /* of a cache line: a part's workspace begins on one where the whole's does */
 
@@ -107,6 +109,27 @@ static void pass_on_to(const Part *part)
     pass_on(part->whole, part->description->first_wire, part->description->wire_count);
 }
 
+/* Have the inputs of these wires values within their bounds? */
+static bool check_inputs(UnitInstance *whole, size_t first_wire, size_t wire_count)
+{
+    const ClosedLoopData *const loop = whole->data;
+    for (const LoopWire *wire = loop->wires + first_wire; wire < loop->wires + first_wire + wire_count; wire++) {
+        const double *const values = whole->values + wire->to;
+        if (all_within(wire->count, values, wire->minimum, wire->maximum))
+            continue;
+        size_t k = 0;
+        while (values[k] >= wire->minimum && values[k] <= wire->maximum)
+            k++;
+        const char *const name = whole->variables[wire->to + k].name;
+        if (!isfinite(values[k]))
+            return unit_refuse(whole, "%s must be finite, got %r", name, values[k]);
+        const bool low = values[k] < wire->minimum;
+        return unit_refuse(whole, "%s must be %s %r, got %r", name, low ? ">=" : "<=",
+                           low ? wire->minimum : wire->maximum, values[k]);
+    }
+    return true;
+}
+
 static bool initialise_part(Part *part, double time, double step)
 {
     (void)step;
@@ -125,7 +148,7 @@ static bool closed_loop_initialise(UnitInstance *unit)
         if (!for_each_part(unit, initialise_part, 0.0, 0.0))
             return false;
     pass_on(unit, 0, loop->wire_count);
-    return true;
+    return check_inputs(unit, 0, loop->wire_count);
 }
 
 static bool prepare_part(Part *part, double time, double step)
@@ -142,8 +165,11 @@ static bool closed_loop_prepare(UnitInstance *unit, double step)
 static bool advance_part(Part *part, double time, double step)
 {
     const ClosedLoopData *const loop = part->whole->data;
-    if (loop->is_sequential && part->whole->state[FRACTION_DONE] == 0.0)
+    if (loop->is_sequential && part->whole->state[FRACTION_DONE] == 0.0) {
         pass_on_to(part);
+        if (!check_inputs(part->whole, part->description->first_wire, part->description->wire_count))
+            return false;
+    }
     if (!part->unit.hooks->advance(&part->unit, time, step))
         return false;
     part->unit.values[0] = part->unit.start + (time + step);
@@ -170,6 +196,8 @@ static bool closed_loop_advance(UnitInstance *unit, double time, double step)
             *done += 1.0;
             *fraction = 0.0;
             pass_on(unit, 0, loop->wire_count);
+            if (!check_inputs(unit, 0, loop->wire_count))
+                return false;
         }
     }
 }

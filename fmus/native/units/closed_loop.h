@@ -20,6 +20,8 @@ typedef struct {
     size_t from;
     size_t to;
     size_t count;
+    double minimum; /* of the inputs */
+    double maximum;
 } LoopWire;
 
 typedef struct {

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "linear_algebra.h"
+#include "ranges.h"
 
 /* Workspace: terms (transition_terms + 1,), scratch of the series (2 transition_terms,), then of the modes the
    amplitudes for a change, the factor that the transition has reached, and the sum, (2 modes,) each. */
@@ -55,7 +56,7 @@ void evaluate_flat_output(const FlatOutput *flat, const Motion *motion, double t
     for (size_t k = 0; k < motion->count; k++) {
         const double duration = motion->durations[k];
         const double *const change = motion->changes + k * flat->voltages;
-        const double tau = fmin(fmax((time - motion->starts[k]) / duration, 0.0), 1.0);
+        const double tau = clamp((time - motion->starts[k]) / duration, 0.0, 1.0);
         const double unit = transition_series(&flat->transition, tau, flat->degree, series, series + terms + 1);
         const double height = weigh_series(flat, duration, unit, series);
         for (size_t j = 0; j < flat->voltages; j++)

@@ -7,6 +7,7 @@
 
 #include "linear_algebra.h"
 #include "planner.h"
+#include "ranges.h"
 
 #define TARGET_ROUNDING 1e-12 /* m: a host that interpolates a constant target moves it by less */
 #define OFF_REACH 1e-3        /* of the largest target: one this far from what voltages reach is refused */
@@ -184,8 +185,8 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
                     offset);
     double peak = 0.0;
     for (size_t j = 0; j < feedforward->flat.voltages; j++)
-        peak = fmax(peak, fabs(offset[j]));
-    if (peak > limit)
+        peak = larger(peak, fabs(offset[j]));
+    if (!(peak <= limit))
         return unit_refuse(unit, "y_target is out of reach: it takes %.1f V at rest, voltage_limit is %.1f V", peak,
                            limit);
     values[feedforward->planned_peak] = peak;

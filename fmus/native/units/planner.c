@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "ranges.h"
+
 #define LONGEST_FACTOR 8.0 /* longest transition tried, as a multiple of the longest one tabulated or under way */
 
 /* D_u(d/dt) Theta over a transition of one duration: between two of the tabulated curves. One curve serves every input
@@ -24,7 +26,7 @@ static VoltageCurve curve_of(const FlatnessFeedforwardData *data, double duratio
     const double share = (duration - durations[low]) / (durations[low + 1] - durations[low]);
     const double *const row = data->curves + low * (data->intervals + 1);
     return (VoltageCurve){
-        .shorter = row, .longer = row + data->intervals + 1, .share = fmin(fmax(share, 0.0), 1.0), .index = 0};
+        .shorter = row, .longer = row + data->intervals + 1, .share = clamp(share, 0.0, 1.0), .index = 0};
 }
 
 /* The curve at tau within [0, 1], linear on each interval. Quick where tau grows from one call to the next. */
@@ -48,7 +50,7 @@ static void voltages_at(const FlatnessFeedforwardData *data, const Motion *motio
     memcpy(u, motion->offset, data->flat.voltages * sizeof *u);
     for (size_t k = 0; k < motion->count; k++) {
         const double tau = (time - motion->starts[k]) / motion->durations[k];
-        const double height = curve_at(data, &curves[k], fmin(fmax(tau, 0.0), 1.0));
+        const double height = curve_at(data, &curves[k], clamp(tau, 0.0, 1.0));
         for (size_t j = 0; j < data->flat.voltages; j++)
             u[j] += height * motion->changes[k * data->flat.voltages + j];
     }
@@ -89,9 +91,9 @@ static double motion_peak(const FlatnessFeedforwardData *data, const Motion *mot
             voltages_at(data, motion, curves, time, after);
             sampled++;
             for (size_t j = 0; j < voltages; j++) {
-                peak = fmax(peak, fabs(after[j]));
+                peak = larger(peak, fabs(after[j]));
                 if (sampled >= 3)
-                    peak = fmax(peak, parabola_peak(before[j], here[j], after[j]));
+                    peak = larger(peak, parabola_peak(before[j], here[j], after[j]));
             }
         }
     }
@@ -107,7 +109,7 @@ static double present_peak(const FlatnessFeedforwardData *data, const Motion *mo
     voltages_at(data, motion, curves, now, u);
     double peak = 0.0;
     for (size_t j = 0; j < data->flat.voltages; j++)
-        peak = fmax(peak, fabs(u[j]));
+        peak = larger(peak, fabs(u[j]));
     return peak;
 }
 
@@ -119,7 +121,7 @@ static double peak_at_rest(const FlatnessFeedforwardData *data, const Motion *mo
         double goal = motion->offset[j] + change[j];
         for (size_t k = 0; k < motion->count; k++)
             goal += motion->changes[k * data->flat.voltages + j];
-        peak = fmax(peak, fabs(goal));
+        peak = larger(peak, fabs(goal));
     }
     return peak;
 }
@@ -132,7 +134,7 @@ TransitionPlan plan_transition(const FlatnessFeedforwardData *data, const Motion
     TransitionPlan plan = {.peak = at_rest, .peak_at_rest = at_rest};
     if (!(at_rest <= limit * (1 + 1e-9)))
         return plan;
-    const double tolerated = fmax(limit, present_peak(data, motion, now, scratch)) * (1 + 1e-9);
+    const double tolerated = larger(limit, present_peak(data, motion, now, scratch)) * (1 + 1e-9);
 
     const size_t slot = motion->count;
     Motion extended = *motion;

@@ -3,12 +3,15 @@
 #include "tracking_controller.h"
 
 #include <float.h>
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
 #include "linear_algebra.h"
+#include "ranges.h"
 
-/* State: integral (voltages,) V; ticks run since the start, a double as all of the state. */
+/* State, doubles as all of it: integral (voltages,) V; ticks run since the start; strain samples of each gauge that were
+   left out in a row (gauges,). */
 static double *integral_of(const UnitInstance *unit)
 {
     return unit->state;
@@ -20,17 +23,24 @@ static double *tick_of(const UnitInstance *unit)
     return unit->state + controller->voltages;
 }
 
+static double *rejected_in_a_row(const UnitInstance *unit)
+{
+    return tick_of(unit) + 1;
+}
+
 static size_t tracking_controller_state_size(const void *data)
 {
     const TrackingControllerData *const controller = data;
-    return controller->voltages + 1;
+    return controller->voltages + 1 + controller->gauges;
 }
 
-/* A vector of states, voltages and gauges, then two of voltages. */
+/* A vector of states, voltages and gauges, then two of voltages or one of gauges. */
 static size_t tracking_controller_workspace_size(const void *data)
 {
     const TrackingControllerData *const controller = data;
-    return controller->states + controller->gauges + 3 * controller->voltages;
+    const size_t pair = 2 * controller->voltages;
+    return controller->states + controller->voltages + controller->gauges +
+           (pair > controller->gauges ? pair : controller->gauges);
 }
 
 /* u = commanded within the limit, y_est = H_pi x_est + D_pi u. */
@@ -42,7 +52,7 @@ static void write_commands(UnitInstance *unit, const double *commanded)
     double *const state_and_input = unit->workspace;
     bool saturated = false;
     for (size_t k = 0; k < controller->voltages; k++) {
-        u[k] = fmin(fmax(commanded[k], -limit), limit);
+        u[k] = clamp(commanded[k], -limit, limit);
         saturated = saturated || fabs(commanded[k]) > limit;
     }
     unit->values[controller->saturated] = saturated;
@@ -67,13 +77,58 @@ static bool tracking_controller_initialise(UnitInstance *unit)
            controller->reduced_states * sizeof *unit->values);
     clear_offsets(unit);
     memset(unit->state, 0, tracking_controller_state_size(controller) * sizeof *unit->state);
+    unit->values[controller->rejected_samples] = 0.0;
     write_commands(unit, unit->values + controller->u_ff);
+    return true;
+}
+
+/* A strain sample is left out, the first one with a line; false after too many of one gauge in a row. */
+static bool reject_sample(UnitInstance *unit, size_t gauge, double sample)
+{
+    const TrackingControllerData *const controller = unit->data;
+    const char *const name = unit->variables[controller->y_pm + gauge].name;
+    const double limit = unit->values[controller->strain_limit];
+    const double time = unit->start + *tick_of(unit) * controller->sample_time;
+    double *const count = &unit->values[controller->rejected_samples];
+    double *const in_a_row = rejected_in_a_row(unit) + gauge;
+    if (*count == 0.0)
+        unit_warn(unit, "%s at %.6g s is left out of the estimate, as any sample beyond strain_limit %r, got %r", name,
+                  time, limit, sample);
+    if (*count < INT_MAX)
+        *count += 1.0;
+    *in_a_row += 1.0;
+    return *in_a_row < unit->values[controller->rejected_limit] ||
+           unit_refuse(unit, "%s has been beyond strain_limit %r for %d samples in a row (rejected_limit), got %r", name,
+                       limit, (int)*in_a_row, sample);
+}
+
+/* In place of a strain sample beyond the limit, the one that estimate and voltages (state_and_input) predict: it leaves
+   the estimate as it is. */
+static bool screen_samples(UnitInstance *unit, const double *state_and_input, double *samples)
+{
+    const TrackingControllerData *const controller = unit->data;
+    const double limit = unit->values[controller->strain_limit];
+    double *const in_a_row = rejected_in_a_row(unit);
+    if (all_within(controller->gauges, samples, -limit, limit)) {
+        memset(in_a_row, 0, controller->gauges * sizeof *in_a_row);
+        return true;
+    }
+    double *const predicted = samples + controller->gauges;
+    multiply_panels(controller->gauges, controller->states + controller->voltages, controller->strains, state_and_input,
+                    false, predicted);
+    for (size_t k = 0; k < controller->gauges; k++)
+        if (fabs(samples[k]) <= limit)
+            in_a_row[k] = 0.0;
+        else if (reject_sample(unit, k, samples[k]))
+            samples[k] = predicted[k];
+        else
+            return false;
     return true;
 }
 
 /* x_est(k+1) = A_d x_est + B_d u + L (y_pm - H_pm x_est - D_pm u), from the last tick's measurement and voltage. With
    strain offsets d, which follow x_est: d(k+1) = d + l e, and their reference is zero. */
-static void estimate_state(UnitInstance *unit)
+static bool estimate_state(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
     const size_t states = controller->states;
@@ -83,8 +138,11 @@ static void estimate_state(UnitInstance *unit)
     memcpy(stacked, unit->values + controller->x_est, states * sizeof *stacked);
     memcpy(stacked + states, unit->values + controller->u, voltages * sizeof *stacked);
     memcpy(stacked + states + voltages, unit->values + controller->y_pm, gauges * sizeof *stacked);
+    if (!screen_samples(unit, stacked, stacked + states + voltages))
+        return false;
     multiply_panels(states, states + voltages + gauges, controller->filter, stacked, false,
                     unit->values + controller->x_est);
+    return true;
 }
 
 /* u = u_ff + K (x_ref - x_est) + integral; the integral grows by k_I G_0^+ of the estimated deviation, but not further
@@ -121,17 +179,19 @@ static void regulate(UnitInstance *unit)
     write_commands(unit, commanded);
 }
 
-static void run_tick(UnitInstance *unit)
+static bool run_tick(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
-    estimate_state(unit);
+    if (!estimate_state(unit))
+        return false;
     if (unit->values[controller->feedback] != 0.0) {
         regulate(unit);
-        return;
+        return true;
     }
     memset(integral_of(unit), 0, controller->voltages * sizeof(double));
     clear_offsets(unit);
     write_commands(unit, unit->values + controller->u_ff);
+    return true;
 }
 
 /* Every tick inside [time, time + step), with the inputs held; an integer counts them. */
@@ -142,8 +202,17 @@ static bool tracking_controller_advance(UnitInstance *unit, double time, double 
     const double end = time + step;
     const double last = (end - clock_tolerance(unit, end, controller->sample_time)) / controller->sample_time;
     for (; *tick < last; *tick += 1.0)
-        run_tick(unit);
+        if (!run_tick(unit))
+            return false;
     return true;
+}
+
+static bool all_counts(size_t n, const double *counts)
+{
+    bool all = all_within(n, counts, 0.0, INT_MAX);
+    for (size_t k = 0; k < n; k++)
+        all = all && floor(counts[k]) == counts[k];
+    return all;
 }
 
 /* A tick count that the clock cannot have, which no saved state has, would keep the next step busy for ever. */
@@ -152,7 +221,8 @@ static bool tracking_controller_restore(UnitInstance *unit)
     const TrackingControllerData *const controller = unit->data;
     const double tick = *tick_of(unit);
     const double behind = unit->elapsed / controller->sample_time - tick;
-    if (floor(tick) == tick && fabs(behind) <= 2.0 + 4 * DBL_EPSILON * tick)
+    if (floor(tick) == tick && fabs(behind) <= 2.0 + 4 * DBL_EPSILON * tick &&
+        all_counts(controller->gauges, rejected_in_a_row(unit)))
         return true;
     return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }

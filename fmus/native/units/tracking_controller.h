@@ -23,10 +23,14 @@ typedef struct {
     unsigned feedback;
     unsigned integral_gain;
     unsigned voltage_limit;
+    unsigned strain_limit;
+    unsigned rejected_limit;
+    unsigned rejected_samples;
     /* in panels, see linear_algebra.h */
     const double *filter;    /* [A_d - L H_pm, B_d - L D_pm, L] (states, states + voltages + gauges) */
     const double *regulator; /* [K, 0; G_0^+ H_pi, G_0^+ D_pi] (2 voltages, states + voltages) */
     const double *estimates; /* [H_pi, D_pi] (points, states + voltages) */
+    const double *strains;   /* [H_pm, D_pm] (gauges, states + voltages) */
 } TrackingControllerData;
 
 INTERNAL const UnitHooks tracking_controller_hooks;
