@@ -248,6 +248,8 @@ W d the deflections that belong to them over the declared uncertainty of the par
 = d(k+1) = d(k) + l (y_pm(k) − H_pm x_est(k) − D_pm u(k) − d(k)) ; δu = −G_0^+ W d
 = w(k) = u_ff(k) + δu(k) + K (x_ref(k) + (I − A_d)^−1 B_d δu(k) − x_est(k)) + z(k)
 d is also subtracted where x_est is corrected, and W d is added to y_est. Without feedback, d is zero.
+A strain sample beyond strain_limit is left out: its gauge's term of the correction is zero. The first one since the
+start gives a line and fmi2Warning, rejected_samples counts them, rejected_limit of one gauge in a row give fmi2Error.
 G₀⁺ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
 factor alone would destabilise. A voltage at its limit u_max = voltage_limit does not integrate further out. With
 feedback off, the feedforward's voltages pass through.

@@ -105,7 +105,13 @@ PROFILES = {
             "voltage_limit": uniform(300.0, 1000.0),
             "strain_limit": uniform(1e-4, 0.1),
         },
-        refused=[("y_pm[3]", np.nan), ("u_ff[1]", 1e308), ("x_ref[7]", -1e308), ("integral_gain", 1.5), ("voltage_limit", -1.0)],
+        refused=[
+            ("y_pm[3]", np.nan),
+            ("u_ff[1]", 1e308),
+            ("x_ref[7]", -1e308),
+            ("integral_gain", 1.5),
+            ("voltage_limit", -1.0),
+        ],
     ),
 }
 PROFILES["BeamClosedLoop"] = Profile(

@@ -221,22 +221,13 @@ def test_impossible_starts_are_refused_as_by_the_python_unit(
     assert "exitInitializationMode" in reasons[0]
 
 
-def test_parameters_beyond_the_range_of_doubles_are_refused() -> None:
-    with loaded(native_folder("BeamPlant")) as one:
-        one.prepare(**{"beam[1].youngs_modulus": 1e200})
-        with pytest.raises(UnitFailure, match=r"the discretisation over 0\.0002 s overflows"):
-            one.call("exitInitializationMode")
-
-
 def test_after_an_impossible_parameter_the_unit_is_as_new() -> None:
     with instance() as one:
         expected = [after_a_step(one)]
     with instance() as one:
         one.to("initialising")
-        density = [one.references["beam[1].density"]]
-        one.call("setReal", density, [0.0])
-        assert one.call("exitInitializationMode") == ERROR
-        assert one.lines[0][3] == "fmi2ExitInitializationMode: beam[1].density must be finite and > 0, got 0.0"
+        assert one.call("setReal", [one.references["beam[1].density"]], [0.0]) == ERROR
+        assert one.lines[0][3] == "fmi2SetReal: beam[1].density must be >= 1.0, got 0.0"
         one.call("reset")
         assert [after_a_step(one)] == expected
 
