@@ -66,6 +66,21 @@ class Kernel(ABC):
     def advance(self, time: float, step: float) -> None:
         """Move state and outputs from `time` to `time + step` (s since the start), the inputs held."""
 
+    def _compute(self, results: Callable[[], None]) -> None:
+        """Values from `results`; where it fails, or one is not finite, they stay what they are."""
+        values, before = self.values, self.values.copy()
+        try:
+            results()
+            finite = np.isfinite(values)
+            if finite.all():
+                return
+            place = int(np.argmin(finite))
+            name, value = self._tables.variables[place]["name"], float(values[place])
+            raise UnitError(f"{name} must be finite, a step gives {value!r}: it keeps its last value")
+        except BaseException:
+            values[:] = before
+            raise
+
     # Services
 
     def span(self, name: str) -> slice:

@@ -244,21 +244,6 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
             self._compute(self.initialise)
             self._stale = False
 
-    def _compute(self, results: Callable[[], None]) -> None:
-        """Values from `results`; where it fails, or one is not finite, they stay what they are."""
-        values, before = self.values, self.values.copy()
-        try:
-            results()
-            finite = np.isfinite(values)
-            if finite.all():
-                return
-            place = int(np.argmin(finite))
-            name, value = self._tables.variables[place]["name"], float(values[place])
-            raise UnitError(f"{name} must be finite, a step gives {value!r}: it keeps its last value")
-        except BaseException:
-            values[:] = before
-            raise
-
     def _get(self, kind: str, references: list[int], convert: Callable[[Any], Value]) -> list[Value]:
         for reference in references:
             variable_of(self._tables.variables, reference, kind)

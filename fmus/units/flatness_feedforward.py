@@ -20,7 +20,7 @@ from flexbeams.fmus.units.native_kernel import (
     first_references,
     header_constant,
 )
-from flexbeams.fmus.units.ranges import largest_targets, voltage_range
+from flexbeams.fmus.units.ranges import target_range, voltage_range
 from flexbeams.plant.galerkin import BeamModel
 
 SLOTS = header_constant(NATIVE / "units" / "flat_output.h", "SLOTS")  # transitions in progress at once
@@ -30,15 +30,23 @@ def declare(design: Design, model: BeamModel) -> Interface:
     """Target deflections in; voltages, reference state and reference deflections out."""
     options, limit = design.options, design.options.voltage_limit
     n_u, n_pi = design.arrays["static_inverse"].shape
-    m = len(design.arrays["A"])
     target = {"causality": "output", "initial_inputs": ("y_target",)}
     return Interface(
         unit_name=FLATNESS_FEEDFORWARD.name,
         variables=(
             TIME,
-            *_targets(design),
+            *array(
+                "y_target",
+                n_pi,
+                causality="input",
+                unit="m",
+                start=0.0,
+                nominal=1e-3,
+                description="Target deflection of point of interest {}; a change starts a transition",
+                **target_range(design),
+            ),
             *array("u_ff", n_u, unit="V", nominal=limit, description="Feedforward voltage of patch pair {}", **target),
-            *array("x_ref", m, unit="1", description="Reference of reduced state {}", **target),
+            *array("x_ref", len(design.arrays["A"]), unit="1", description="Reference of reduced state {}", **target),
             *array(
                 "y_ref",
                 n_pi,
@@ -57,20 +65,6 @@ def declare(design: Design, model: BeamModel) -> Interface:
         description="Flatness-based motion planning and feedforward: smooth, "
         f"superposable transitions of Gevrey order {options.gevrey_order:g} between rest positions",
     )
-
-
-def _targets(design: Design) -> Iterator[Variable]:
-    for k, largest in enumerate(largest_targets(design), 1):
-        yield Variable(
-            name=f"y_target[{k}]",
-            causality="input",
-            unit="m",
-            start=0.0,
-            nominal=1e-3,
-            description=f"Target deflection of point of interest {k}; a change starts a transition",
-            minimum=-largest,
-            maximum=largest,
-        )
 
 
 def _last_plan(limit: float) -> Iterator[Variable]:

@@ -36,10 +36,9 @@ def force_range(model: BeamModel) -> Range:
     return _symmetric(_power_of_ten(FORCE_FACTOR * max(forces)))
 
 
-def largest_targets(design: Design) -> list[float]:
-    """Of target deflections either way, m: the length of each point's beam."""
-    beams = design.structure.beam
-    return [beams[point.beam - 1].length for point in design.structure.point_of_interest]
+def target_range(design: Design) -> Range:
+    """Of target deflections, m: the length of the longest beam."""
+    return _symmetric(max(beam.length for beam in design.structure.beam))
 
 
 def _symmetric(largest: float) -> Range:

@@ -179,6 +179,23 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
     )
 
 
+_REFERENCED = (
+    "y_pm",
+    "u_ff",
+    "x_ref",
+    "u",
+    "y_est",
+    "saturated",
+    "x_est",
+    "feedback",
+    "integral_gain",
+    "voltage_limit",
+    "strain_limit",
+    "rejected_limit",
+    "rejected_samples",
+)  # arrays that the native kernel finds by value reference
+
+
 def native_data(interface: Interface, data: UnitData) -> Fields:
     """The fields of TrackingControllerData."""
     reduced, voltages, points, gauges = (len(interface.references(name)) for name in ("x_est", "u", "y_est", "y_pm"))
@@ -190,22 +207,7 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
         "points": points,
         "gauges": gauges,
         "sample_time": float(data.meta["sample_time"]),
-        **first_references(
-            interface,
-            "y_pm",
-            "u_ff",
-            "x_ref",
-            "u",
-            "y_est",
-            "saturated",
-            "x_est",
-            "feedback",
-            "integral_gain",
-            "voltage_limit",
-            "strain_limit",
-            "rejected_limit",
-            "rejected_samples",
-        ),
+        **first_references(interface, *_REFERENCED),
         "filter": Table(
             values=data.arrays["filter"],
             comment=f"[A_d - L H_pm, B_d - L D_pm, L] of the Kalman filter (42), "
