@@ -28,7 +28,7 @@ def lag_interface() -> Interface:
         stop_time=1.0,
         variables=(
             TIME,
-            *array("u", 3, causality="input", start=0.0, unit="V", minimum=-1.0, maximum=1.0, nominal=100.0),
+            *array("u", 3, causality="input", start=0.0, unit="V", minimum=-1e7, maximum=1e7, nominal=100.0),
             *array("y", 2, causality="output", unit="m", initial_inputs=("u",), description="Deflection"),
             *array("gain", 2, causality="parameter", start=gain, minimum=0.0, maximum=10.0, unit="1"),
             *array("x_start", 2, causality="parameter", start=x_start, unit="m"),
