@@ -80,7 +80,10 @@ def _variable(variable: Any) -> Iterator[str]:
 
 
 def _architecture(archive: zipfile.ZipFile, identifier: str) -> Iterator[str]:
-    """Binaries for this machine that are of another one, on Linux."""
+    """Binaries for this machine that are of another one, on Linux.
+
+    linux64 names no CPU, and a unit that names it with a second folder, such as aarch64-linux, is right.
+    """
     if not sys.platform.startswith("linux"):
         return
     for folder in (fmpy.platform_tuple, fmpy.platform):
@@ -92,6 +95,8 @@ def _architecture(archive: zipfile.ZipFile, identifier: str) -> Iterator[str]:
         machine = fmpy.platform_tuple.partition("-")[0]
         if head[:4] != b"\x7fELF" or len(head) < 20:
             yield f"{name} is not a shared library of Linux"
-        elif (found := _MACHINES.get(struct.unpack_from("<H", head, 18)[0], "another machine")) != machine:
+            return
+        found = _MACHINES.get(struct.unpack_from("<H", head, 18)[0], "another machine")
+        if found != machine and f"binaries/{found}-linux/{identifier}.so" not in archive.namelist():
             yield f"{name} is for {found}, not for {machine}"
         return

@@ -194,7 +194,7 @@ static bool within_bounds(const Variable variables[], const double values[], siz
 {
     size_t beyond = 0;
     for (size_t k = 0; k < count; k++)
-        beyond += (size_t)!(values[k] >= variables[k].minimum && values[k] <= variables[k].maximum);
+        beyond += (size_t) !(values[k] >= variables[k].minimum && values[k] <= variables[k].maximum);
     return beyond == 0;
 }
 

@@ -34,7 +34,7 @@ typedef struct {
     const Variable *variables;      /* (variable_count,) by value reference */
     const char (*texts)[TEXT_SIZE]; /* the string variables */
     size_t result_count;
-    const Results *results;         /* (result_count,) what a step computes at once, ascending */
+    const Results *results; /* (result_count,) what a step computes at once, ascending */
 } UnitDescription;
 
 /* The unit that this file is compiled into; its tables define it. */
@@ -86,7 +86,8 @@ INTERNAL bool require(Instance *instance, Phase phase);
 
 /* First state and outputs for what was set since; false where it is refused. */
 INTERNAL bool refresh(Instance *instance);
-/* The results of a step: keep those from before it; are the new ones finite? If not, it is refused; back to the kept. */
+/* The results of a step: keep those from before it; are the new ones finite? If not, it is refused; back to the kept.
+ */
 INTERNAL void keep_results(Instance *instance);
 INTERNAL bool check_results(Instance *instance);
 INTERNAL void take_back_results(Instance *instance);

@@ -24,7 +24,7 @@ INTERNAL_INLINE bool all_within(size_t n, const double *values, double low, doub
 {
     size_t beyond = 0;
     for (size_t k = 0; k < n; k++)
-        beyond += (size_t)!(values[k] >= low && values[k] <= high);
+        beyond += (size_t) !(values[k] >= low && values[k] <= high);
     return beyond == 0;
 }
 

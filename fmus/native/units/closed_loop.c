@@ -124,8 +124,8 @@ static bool check_inputs(UnitInstance *whole, size_t first_wire, size_t wire_cou
         if (!isfinite(values[k]))
             return unit_refuse(whole, "%s must be finite, got %r", name, values[k]);
         const bool low = values[k] < wire->minimum;
-        return unit_refuse(whole, "%s must be %s %r, got %r", name, low ? ">=" : "<=",
-                           low ? wire->minimum : wire->maximum, values[k]);
+        return unit_refuse(whole, "%s must be %s %r, got %r", name,
+                           low ? ">=" : "<=", low ? wire->minimum : wire->maximum, values[k]);
     }
     return true;
 }

@@ -10,8 +10,8 @@
 #include "linear_algebra.h"
 #include "ranges.h"
 
-/* State, doubles as all of it: integral (voltages,) V; ticks run since the start; strain samples of each gauge that were
-   left out in a row (gauges,). */
+/* State, doubles as all of it: integral (voltages,) V; ticks run since the start; strain samples of each gauge that
+   were left out in a row (gauges,). */
 static double *integral_of(const UnitInstance *unit)
 {
     return unit->state;
@@ -98,8 +98,8 @@ static bool reject_sample(UnitInstance *unit, size_t gauge, double sample)
         *count += 1.0;
     *in_a_row += 1.0;
     return *in_a_row < unit->values[controller->rejected_limit] ||
-           unit_refuse(unit, "%s has been beyond strain_limit %r for %d samples in a row (rejected_limit), got %r", name,
-                       limit, (int)*in_a_row, sample);
+           unit_refuse(unit, "%s has been beyond strain_limit %r for %d samples in a row (rejected_limit), got %r",
+                       name, limit, (int)*in_a_row, sample);
 }
 
 /* In place of a strain sample beyond the limit, the one that estimate and voltages (state_and_input) predict: it leaves
