@@ -48,7 +48,7 @@ def key_page(kind: str) -> str:
             cells = (f"`{key}`", type_text(entry), entry.get("unit", ""), default, entry["description"])
             lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
         lines.append("")
-    return "\n".join(lines)
+    return "\n".join(lines[:-1])
 
 
 def _places(schema: dict[str, Any], root: str) -> dict[str, str]:
