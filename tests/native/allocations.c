@@ -61,7 +61,7 @@ int main(void)
             CHECK(fmi2GetReal(instance, reals, real_count, values) == fmi2OK);
             time += step;
         }
-        CHECK(fmi2SetReal(instance, inputs, 1, &endless) == fmi2OK);
+        CHECK(fmi2SetReal(instance, inputs, 1, &endless) <= fmi2Error);
         CHECK(fmi2DoStep(instance, time, -1.0, 0) == fmi2Error);
         CHECK(fmi2Reset(instance) == fmi2OK);
     }

@@ -153,7 +153,11 @@ def test_every_number_is_checked(tmp_path: Path, section: str, keys: tuple[str, 
     number = 2 if section == "beam" else 1
     for key in keys:
         place = f"{section}[{number}].{key}"
-        zero_allowed = key in MAY_BE_ZERO or (section, key) in {("patch", "position"), ("strain_gauge", "length")}
+        zero_allowed = key in MAY_BE_ZERO or (section, key) in {
+            ("patch", "position"),
+            ("strain_gauge", "length"),
+            ("spring", "stiffness"),
+        }
         rule = "must be >= 0" if zero_allowed else "must be finite and > 0"
         cases = [
             ("nan", "must be finite, got nan"),
@@ -391,8 +395,8 @@ def test_with_parameters_changes_a_copy() -> None:
         ("beam[1].length", 1.0, "beam[1].length is not a parameter"),
         (
             "spring[1].stiffness",
-            0.0,
-            "spring[1].stiffness must be finite and > 0, got 0.0",
+            -1.0,
+            "spring[1].stiffness must be finite and >= 0, got -1.0",
         ),
         ("beam[1].tip_mass", -1.0, "beam[1].tip_mass must be finite and >= 0, got -1.0"),
         ("patch[1].density", np.nan, "patch[1].density must be finite and > 0, got nan"),

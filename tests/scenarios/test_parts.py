@@ -146,7 +146,7 @@ def test_flags_as_real(tmp_path: Path) -> None:
         outputs = [
             v.valueReference
             for v in unit.variables.values()
-            if v.causality in ("output", "local") and v.type != "String"
+            if v.causality == "output" or (v.causality == "local" and v.type == "Real")
         ]
         flags = [unit.variables[n].valueReference for n in ("moving", "saturated")]
         assert {unit.variables[n].type for n in ("moving", "saturated")} == {"Real"}

@@ -240,7 +240,7 @@ def test_an_fmu_of_another_kind_is_refused(shop: Shop) -> None:
 def test_a_set_s_values_must_fit_their_variables(shop: Shop) -> None:
     name, place = r'(name="beam\[1\]\.tip_mass">\s*)<ssv:Real value="[^"]*" unit="kg" />', "resources/plant.ssv"
     for value, message in (
-        ('<ssv:Real value="-1"/>', r"plant\.beam\[1\]\.tip_mass must be finite and from 0 to inf"),
+        ('<ssv:Real value="-1"/>', r"plant\.beam\[1\]\.tip_mass must be finite and from 0 to 10000"),
         ('<ssv:Real value="INF"/>', "must be finite"),
         ('<ssv:Boolean value="1"/>', "is Boolean in the parameter set and Real in its FMU"),
         ('<ssv:Real value="1" unit="m"/>', "has the unit 'm' in the parameter set and 'kg'"),

@@ -75,7 +75,7 @@ def test_an_input_that_nothing_drives_holds_its_value(run: Callable[..., bytes],
         ("plant.u=5", "--set must not set an input that the scenario drives, got 'plant.u'"),
         ("plant.u[]=5", "--set must not set an input that the scenario drives, got 'plant.u[]'"),
         ("plant.beam[].tip_mass=1,2", "--set plant.beam[].tip_mass must have 3 values, got [1.0, 2.0]"),
-        ("plant.beam[1].tip_mass=-1", "--set plant.beam[1].tip_mass must be from 0.0 to inf, got -1.0"),
+        ("plant.beam[1].tip_mass=-1", "--set plant.beam[1].tip_mass must be from 0.0 to 10000.0, got -1.0"),
         (
             "plant.beam[].mass=1",
             "--set plant.beam[].mass is not a variable; did you mean 'beam[].tip_mass'? (valid: u,",
