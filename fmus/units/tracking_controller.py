@@ -152,7 +152,7 @@ def _parameters(design: Design) -> Iterator[Variable]:
         variability="tunable",
         start=50,
         minimum=1,
-        description="Samples of one gauge left out in a row that end the run with an error",
+        description="Samples of one gauge left out in a row that end the run, one for each tick of the controller",
     )
 
 
@@ -252,6 +252,7 @@ W d the deflections that belong to them over the declared uncertainty of the par
 d is also subtracted where x_est is corrected, and W d is added to y_est. Without feedback, d is zero.
 A strain sample beyond strain_limit is left out: its gauge's term of the correction is zero. The first one since the
 start gives a line and fmi2Warning, rejected_samples counts them, rejected_limit of one gauge in a row give fmi2Error.
+Counted are ticks of the controller (its samples), also those inside one longer step, which see its inputs held.
 G₀⁺ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
 factor alone would destabilise. A voltage at its limit u_max = voltage_limit does not integrate further out. With
 feedback off, the feedforward's voltages pass through.
