@@ -168,6 +168,7 @@ def test_kernels_do_round_differently(designs: dict[str, dict[str, Array]]) -> N
     assert any(not np.array_equal(gains[0], gain) for gain in gains[1:])
 
 
+@pytest.mark.slow
 def test_feedforward_and_controller_of_different_machines_fit(designs: dict[str, dict[str, Array]]) -> None:
     """The motion of `tracking` with a reference of one kernel and a controller of another, within 1e-9."""
     made = compute_design(structures()["kiel"], DesignOptions())

@@ -72,6 +72,7 @@ def run_of(matrix: Array, output: Array, steps: int, stride: int = 50) -> Array:
     return np.array(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800 if FULL else 180)
 @pytest.mark.parametrize("structure", ["kiel", "five_beams"])
 def test_accepted_designs_are_stable_and_refused_ones_are_not(structure: str) -> None:

@@ -90,6 +90,7 @@ def careless(folder: Path) -> None:
         np.testing.assert_array_equal(one.everything(), careful_run(folder))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", [pytest.param("native", marks=needs_zig), "python"])
 def test_flags_as_real_give_such_a_host_all_outputs(backend: Backend) -> None:
     """Flags are 0 or 1 and change; all other values are those of the usual units, to the last bit."""

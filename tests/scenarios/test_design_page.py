@@ -19,6 +19,7 @@ def page() -> str:
     return design_html(analyse(design_of()), "kiel")
 
 
+@pytest.mark.slow
 def test_the_page_is_complete_alone_and_shows_the_figures() -> None:
     text = page()
     assert not re.search(r'(src|href)="(?!#|data:)', text)

@@ -157,6 +157,7 @@ def test_decades_of_a_design_are_those_of_its_effective_weights() -> None:
     assert problem.evaluate(chosen).figures()["decay"] == pytest.approx(problem.evaluate(other).decay, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_search_writes_a_design_section_and_a_page(tmp_path: Path) -> None:
     """The section is one of a scenario; all candidates are in the log, on the front only verified ones."""
     folder = searched()
@@ -171,6 +172,7 @@ def test_search_writes_a_design_section_and_a_page(tmp_path: Path) -> None:
     assert not re.search(r'(src|href)="(?!#|data:)', page)
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_goes_on_from_its_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Half of the log, its last line cut off: the same results; another search's log is refused."""
     lines = (searched() / "candidates.jsonl").read_text().splitlines()
