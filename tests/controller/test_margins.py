@@ -18,6 +18,8 @@ from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import DesignError
 from tests.helpers import design_of
 
+pytestmark = pytest.mark.slow
+
 SAMPLE = 2e-4
 LOOPS: list[tuple[str, BasisName]] = [("kiel", "clamped_free"), ("kiel", "segment"), ("single_beam", "clamped_free")]
 

@@ -13,6 +13,8 @@ from flexbeams.plant.errors import DesignError
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.helpers import design_of
 
+pytestmark = pytest.mark.slow
+
 KIEL = read_structure(find_structure("kiel"))
 
 

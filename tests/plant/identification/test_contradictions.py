@@ -17,6 +17,8 @@ from flexbeams.plant.identification.space import parameter_space
 from tests.oracles.examples import single_beam
 from tests.plant.identification.data import HELD_BACK, PATTERNS, Real, kiel, measured, steps
 
+pytestmark = pytest.mark.slow
+
 STRUCTURE, MODEL = kiel()
 
 

@@ -10,6 +10,8 @@ from flexbeams.plant.identification.start import starting_point
 from flexbeams.plant.statespace import static_gains, undamped_frequencies
 from tests.plant.identification.data import PATTERNS, kiel, measured, space_of, steps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 2e-3), (0.005, 5e-3)])
 def test_the_first_modes_of_three_beams(noise: float, tolerance: float) -> None:
