@@ -68,6 +68,7 @@ def compare(
     from flexbeams.scenarios.api.comparisons import compare as read_runs
     from flexbeams.scenarios.cli.comparison_tables import show_comparison, show_differences
     from flexbeams.scenarios.results.differences import setting_differences, signal_differences
+    from flexbeams.scenarios.results.files import json_values
 
     comparison = read_runs(*runs, names=names, units=units)
     if comparison.left_out:
@@ -78,15 +79,18 @@ def compare(
         labels = [run.label for run in comparison.runs]
         click.echo(
             json.dumps(
-                {
-                    "runs": labels,
-                    "settings": {name: dict(zip(labels, cells, strict=True)) for name, cells in settings},
-                    "signals": [d.record() for d in signals],
-                    "left_out": comparison.left_out,
-                    "tolerance": tolerance,
-                    "holds": holds,
-                },
+                json_values(
+                    {
+                        "runs": labels,
+                        "settings": {name: dict(zip(labels, cells, strict=True)) for name, cells in settings},
+                        "signals": [d.record() for d in signals],
+                        "left_out": comparison.left_out,
+                        "tolerance": tolerance,
+                        "holds": holds,
+                    }
+                ),
                 indent=2,
+                allow_nan=False,
             )
         )
         return 0 if holds else 1

@@ -75,7 +75,8 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder of the results; with several scenarios a folder for each inside it. "
-    "[default: results/<scenario>, with a suffix that names settings other than the scenario's]",
+    "[default: results/<scenario>, with a suffix that names settings other than the scenario's; "
+    "results/<package>-ssp]",
 )
 @click.option("--real-time", is_flag=True, help="Pace the run to the wall clock (native units); lateness is reported.")
 @click.option(
@@ -175,7 +176,7 @@ def _planned(
     require_formats(formats)
     settings = Settings(record_animation=not no_report, build_folder=cache_folder(build_folder), **options)
     if out is None:
-        folders = [Path("results") / f"{e.name}{variant_suffix(_changes(e, settings))}" for e in experiments]
+        folders = [Path("results") / f"{e.folder_name}{variant_suffix(_changes(e, settings))}" for e in experiments]
     else:
         folders = [out if len(names) == 1 else out / name for name in names]
     stack.enter_context(_folders(folders))

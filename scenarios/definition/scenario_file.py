@@ -44,6 +44,11 @@ class ScenarioFile:
         """The scenario's name, which is that of its results."""
         return os.fsencode(self.path.stem).decode("utf-8", "replace")
 
+    @property
+    def folder_name(self) -> str:
+        """Name of the default folder for results."""
+        return self.name
+
 
 def scenario_files() -> dict[str, Path]:
     """Paths of the shipped scenarios by name, in the order of TOUR."""

@@ -48,8 +48,13 @@ class ExtractedPackage:
 
     @property
     def name(self) -> str:
-        """The package's name, which is that of its results."""
+        """The package's name, which its results carry."""
         return os.fsencode(self.file.stem).decode("utf-8", "replace")
+
+    @property
+    def folder_name(self) -> str:
+        """Name of the default folder for results: not that of a scenario with the package's name."""
+        return f"{self.name}-ssp"
 
 
 @contextmanager

@@ -92,10 +92,13 @@ class CoSimulation:
             except UnitEnded as end:
                 ended, done = str(end), self.stepper.done
                 if end.completed:
-                    self._complete_step(end.instance, done)
-                    done += 1
-                    self._drive(done)
-                    rows.take(done)
+                    try:
+                        self._complete_step(end.instance, done)
+                        done += 1
+                        self._drive(done)
+                        rows.take(done)
+                    except UnitFailure as error:
+                        failure, ended = error, ""
         seconds = clock.perf_counter() - begin
         recording = rows.recording(self._wiring.columns, done, self._step, seconds, self._wiring.converted_columns)
         recording.time += self._bus.start_time

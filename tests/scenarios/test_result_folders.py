@@ -14,6 +14,7 @@ from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.variants import changed_settings, variant_suffix
 from flexbeams.scenarios.results.folder import ResultFolder
+from flexbeams.scenarios.runs.package import ExtractedPackage
 
 Write = Callable[[str, str], Path]
 RUN = ["run", "single_beam", "--stop-time", "0.01", "--no-figures"]
@@ -180,3 +181,10 @@ def test_a_run_with_other_settings_goes_beside(
     (tmp_path / "here").rename(tmp_path / "results/single_beam-stop_time=0.01-decimate=5")
     assert main([*arguments, "--decimate", "5"]) == 2
     assert "holds a run of single_beam with coupling gauss-seidel" in capsys.readouterr().err
+
+
+def test_a_package_goes_beside_the_scenario_of_its_name() -> None:
+    scenario = load_scenario("tracking")
+    package = ExtractedPackage(file=Path("tracking.ssp"), package=None, descriptions={}, budget=None)  # type: ignore[arg-type]
+    assert package.name == scenario.name
+    assert (scenario.folder_name, package.folder_name) == ("tracking", "tracking-ssp")
