@@ -3,10 +3,11 @@
 Whatever else escapes is a bug, and the command line shows it as one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from os.path import isfile, islink
 from pathlib import Path
+from typing import Any
 
 from flexbeams.plant.text import printable, quoted, shortened
 
@@ -16,6 +17,14 @@ class FlexbeamsError(Exception):
 
     def __str__(self) -> str:
         return printable(" ".join(super().__str__().splitlines()))
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]:
+        """To pass to another process: made of its text and attributes, whatever the arguments of its class."""
+        return _rebuilt, (type(self), self.args), self.__dict__
+
+
+def _rebuilt(kind: type[FlexbeamsError], arguments: tuple[Any, ...]) -> FlexbeamsError:
+    return kind.__new__(kind, *arguments)
 
 
 class InputError(FlexbeamsError, ValueError):
