@@ -1,30 +1,24 @@
 """Progress of an identification on stderr: a bar for each stage on a terminal, plain lines elsewhere."""
 
-import sys
 from types import TracebackType
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from flexbeams.scenarios.cli.options import note
+from flexbeams.scenarios.runs.progress import terminal_bars
 
 
 class StageDisplay:
     """Stages of a search and its evaluations; a stage ends as soon as it has converged."""
 
     def __init__(self) -> None:
-        self._bars: Progress | None = None
-        if sys.stderr.isatty():
-            self._bars = Progress(
-                TextColumn("fitting {task.description}"),
-                BarColumn(bar_width=30),
-                TextColumn("evaluation {task.completed} of at most {task.total}"),
-                TimeElapsedColumn(),
-                console=Console(stderr=True, highlight=False),
-                transient=True,
-                redirect_stdout=False,
-                redirect_stderr=False,
-            )
+        self._bars = terminal_bars(
+            TextColumn("fitting {task.description}"),
+            BarColumn(bar_width=30),
+            TextColumn("evaluation {task.completed} of at most {task.total}"),
+            TimeElapsedColumn(),
+        )
+        if self._bars is not None:
             self._task = self._bars.add_task("", total=1, start=True)
 
     def __enter__(self) -> "StageDisplay":

@@ -1,15 +1,14 @@
 """Progress and table of `flexbeams tune`."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from flexbeams.scenarios.cli.options import note
 from flexbeams.scenarios.cli.tables import console
+from flexbeams.scenarios.runs.progress import terminal_bars
 from flexbeams.scenarios.studies.tuning import Progress as Report
 from flexbeams.scenarios.studies.tuning import Tuning
 
@@ -19,11 +18,11 @@ _LINES = 10  # of progress where there is no terminal
 @contextmanager
 def tuning_progress() -> Iterator[Report]:
     """A bar on a terminal; elsewhere a line for every tenth of the search."""
-    if not sys.stderr.isatty():
+    shown = terminal_bars(TextColumn("{task.fields[state]}"), BarColumn(bar_width=30), TimeRemainingColumn())
+    if shown is None:
         yield _plain
         return
-    columns = (TextColumn("{task.fields[state]}"), BarColumn(bar_width=30), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as bars:
+    with shown as bars:
         task = bars.add_task("", state="")
         yield lambda done, total, best: bars.update(task, completed=done, total=total, state=_state(done, total, best))
 

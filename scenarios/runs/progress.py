@@ -5,11 +5,27 @@ from types import TracebackType
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
 
 from flexbeams.plant.text import printable
 
 ALL = "all"  # name of the bar that counts scenarios
+
+
+def terminal_bars(*columns: ProgressColumn) -> Progress | None:
+    """Bars on stderr that go when they stop; None where that is no terminal.
+
+    Output to stdout, which may be a file, is not redirected.
+    """
+    if not sys.stderr.isatty():
+        return None
+    return Progress(
+        *columns,
+        console=Console(stderr=True, highlight=False),
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
 
 
 class Display:
@@ -17,22 +33,15 @@ class Display:
 
     def __init__(self, names: list[str]) -> None:
         self._names = names
-        self._bars: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
         self._ended = 0
-        if sys.stderr.isatty():
-            # Output to stdout, which may be a file, is not redirected
-            self._bars = Progress(
-                SpinnerColumn(),
-                TextColumn("{task.description}"),
-                BarColumn(bar_width=30),
-                TextColumn("{task.fields[state]}"),
-                TimeRemainingColumn(elapsed_when_finished=True),
-                console=Console(stderr=True, highlight=False),
-                transient=True,
-                redirect_stdout=False,
-                redirect_stderr=False,
-            )
+        self._bars = terminal_bars(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.fields[state]}"),
+            TimeRemainingColumn(elapsed_when_finished=True),
+        )
 
     def __enter__(self) -> "Display":
         if self._bars is not None:

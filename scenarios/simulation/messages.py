@@ -43,8 +43,7 @@ class Messages:
     def finish(self) -> None:
         """Passes on errors, and how often lines were repeated."""
         for kind in self._kinds.values():
-            if kind.count > max(1, len(kind.shown)):
-                self._notify(f"{self._instance}: {kind.first} ({kind.count} times)")
-            elif kind.count > len(kind.shown):
-                self._notify(f"{self._instance}: {kind.first}")
+            if kind.count > len(kind.shown):
+                times = f" ({kind.count} times)" if kind.count > 1 else ""
+                self._notify(f"{self._instance}: {kind.first}{times}")
         self._kinds.clear()

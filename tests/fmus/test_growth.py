@@ -1,4 +1,4 @@
-"""Units of many beams: a chain of twelve with default options; of others where FLEXBEAMS_BEAMS lists them."""
+"""Units of many beams: a chain of twelve with default options. FLEXBEAMS_BEAMS lists other numbers of beams."""
 
 import os
 from pathlib import Path

@@ -7,7 +7,6 @@ import pytest
 
 from flexbeams.scenarios.cli.main import main
 
-pytestmark = pytest.mark.usefixtures("known_designs")
 Write = Callable[[str, str], Path]
 PLANT = 'title = "t"\nstructure = "{}"\nstop_time = 0.1\n[instance.plant]\nunit = "BeamPlant"\n'
 

@@ -25,7 +25,7 @@ from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.plant.validation import validate
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.scenario_file import load_scenario
-from tests.helpers import design_of, made_once
+from tests.helpers import LOOP_WIRES, design_of, made_once
 from tests.oracles.monolithic import simulate
 
 SAMPLE = 2e-4
@@ -33,7 +33,8 @@ PLANTS = 200 if os.environ.get("FLEXBEAMS_ROBUSTNESS") == "full" else 20  # unce
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 QUICK = ["--evaluations", "100", "--plants", "2"]
 # A blow on the single beam
-BLOW = """# a blow
+BLOW = (
+    """# a blow
 title = "blow"
 structure = "single_beam"
 stop_time = 8.0
@@ -43,22 +44,13 @@ unit = "FlatnessFeedforward"
 unit = "TrackingController"
 [instance.plant]
 unit = "BeamPlant"
-[[connection]]
-from = "feedforward.u_ff"
-to = "controller.u_ff"
-[[connection]]
-from = "feedforward.x_ref"
-to = "controller.x_ref"
-[[connection]]
-from = "controller.u"
-to = "plant.u"
-[[connection]]
-from = "plant.y_pm"
-to = "controller.y_pm"
-[[input]]
+"""
+    + LOOP_WIRES
+    + """[[input]]
 to = "plant.force[1]"
 pulse = { time = 0.1, duration = 5e-3, impulse = 0.01 }
 """
+)
 
 
 def blow(steps: int, beams: int) -> np.ndarray:
