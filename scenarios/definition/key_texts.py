@@ -57,6 +57,7 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "connection": ("", "Connections from outputs to inputs."),
         "input": ("", "External signals."),
         "record": ("", "Further signals, or local variables, to record."),
+        "sensor": ("", "What instruments record of signals; default: the signals themselves."),
         "open_loop": ("", "Scenario whose run, without control, this one is compared with."),
         "check": ("", "Figures that are measured, with limits where there are any."),
         "figure": ("", "Figures that are drawn."),
@@ -119,6 +120,13 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "file": ("", "CSV file, relative to the scenario's folder."),
         "columns": ("", "Names in the header; `a` stands for a[1], a[2] ..."),
         "hold": ("", "zero: each row holds up to the next; linear: values are interpolated."),
+    },
+    "Sensor": {
+        "of": ("", "Recorded signal, array or element, <instance>.<variable>."),
+        "delay": ("s", "Delay, a whole number of recorded steps."),
+        "noise": ("unit of the signal", "Standard deviation of white noise, a new value in each row."),
+        "resolution": ("unit of the signal", "Recorded values are multiples of it; 0: not rounded."),
+        "seed": ("", "Seed of the noise; equal seeds give a column equal noise."),
     },
     "Check": {
         "name": ("", "Name in tables, reports and summary.json."),

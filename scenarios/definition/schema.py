@@ -1,4 +1,4 @@
-"""Schema of a scenario file: instances, connections, inputs and checks of one experiment."""
+"""Schema of a scenario file: instances, connections, inputs, sensors and checks of one experiment."""
 
 from dataclasses import field
 from typing import Annotated, Literal
@@ -155,6 +155,17 @@ class Input:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+class Sensor:
+    """What an instrument records of a signal: delayed, then with white noise, then rounded; units get the true one."""
+
+    of: str  # a recorded signal, array or element
+    delay: NonNegative = 0.0  # s
+    noise: NonNegative = 0.0  # standard deviation, unit of the signal
+    resolution: NonNegative = 0.0  # unit of the signal; 0: not rounded
+    seed: Annotated[int, Field(ge=0, lt=2**63, strict=True)] = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Check:
     """A measured figure of the run, with its limits and the paper's value."""
 
@@ -204,6 +215,7 @@ class Scenario:
     connection: list[Connection] = field(default_factory=list)
     input: list[Input] = field(default_factory=list)
     record: list[str] | None = None  # further signals, or locals, to record
+    sensor: list[Sensor] = field(default_factory=list)  # of recorded signals
     open_loop: str | None = None  # scenario to compare with
     check: list[Check] = field(default_factory=list)
     figure: list[Figure] = field(default_factory=list)

@@ -1,7 +1,7 @@
 """A finished run and its summary."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,8 @@ def run_summary(
         "metrics": {**{o.name: o.value for o in outcomes}, **standard_metrics(recording)},
         "timing": _timing(recording, settings.real_time_factor),
     }
+    if scenario.sensor:
+        summary["sensors"] = [asdict(sensor) for sensor in scenario.sensor]
     if recording.ended:
         summary["ended"] = recording.ended
     summary["signals"] = signal_table(recording.columns, declarations)

@@ -17,6 +17,7 @@ from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.native_stepper import NativeStepper, stepper_library
 from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.sensors import measure
 from flexbeams.scenarios.simulation.stepping import SignalBus, Stepper
 
 LOADED_PARTS = ("modelDescription.xml", "binaries/", "resources/")  # of an FMU, that a run needs
@@ -54,6 +55,7 @@ def execute(
         recording = simulation.run(
             prepared.steps, lambda done: observer.progress(done, prepared.steps), prepared.settings.decimate
         )
+    measure(recording, prepared.scenario.sensor, prepared.step * settings.decimate)
     if settings.units_row:
         recording.units = [prepared.unit_of(column) for column in recording.columns]
     if recording.ended:

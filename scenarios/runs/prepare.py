@@ -35,6 +35,7 @@ from flexbeams.scenarios.runs.requirements import (
     whole_steps,
 )
 from flexbeams.scenarios.simulation.frames import frame_layout
+from flexbeams.scenarios.simulation.sensors import require_sensors
 from flexbeams.scenarios.simulation.wiring import Wiring, plan_wiring
 
 
@@ -113,6 +114,7 @@ def prepare_scenario(
     require_discrete_signals(wiring, declarations, steps, step, source)
     note_skipped_rows(scenario, wiring, steps, step, notify)
     require_memory(scenario, len(wiring.columns), steps, settings, source)
+    require_sensors(scenario.sensor, wiring.columns, step * settings.decimate, source)
     scenario = reachable_checks(scenario, settings, source, notify)
     open_loop = None
     if file.open_loop is not None:
