@@ -1,13 +1,15 @@
-"""Superposed transitions and the shortest duration of a new one within the voltage limit (Remarks 4 and 5)."""
+"""Superposed transitions and the shortest duration of a new one within the voltage limits (Remarks 4 and 5)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from flexbeams.controller.voltage_limits import Violation, VoltageLimits
 from flexbeams.plant.basis import Array
 
 OFF_REACH = 1e-3  # of the largest target: one this far from what voltages reach is refused
 LONGEST_FACTOR = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way
+LIMIT_ROUNDING = 1e-9  # of the largest limit: a voltage this far beyond its own is within
 
 
 def sample_grid(intervals: int) -> Array:
@@ -68,42 +70,64 @@ class TransitionPlan:
     """The transition to a new target; duration 0 means that the target is refused."""
 
     duration: float  # s
-    peak: float  # largest |u| of the whole motion with this duration, V
+    peak: float  # largest |u| of the whole motion with this duration, V; refused at rest, at the target
     peak_at_rest: float  # largest |u| at the target, V
+    at_rest: bool  # refused for the voltages at the target
+    violation: Violation  # why it is refused, or why it takes longer than asked
 
 
 def plan_transition(
-    motion: PendingTransitions, shapes: InputShapes, *, now: float, change: Array, requested: float, limit: float
+    motion: PendingTransitions,
+    shapes: InputShapes,
+    *,
+    now: float,
+    change: Array,
+    requested: float,
+    limit: float | VoltageLimits,
 ) -> TransitionPlan:
-    """The shortest transition of at least `requested` s that keeps the whole motion within +-limit (V).
+    """The shortest transition of at least `requested` s that keeps the whole motion within the limits.
 
-    `change` (n_u,) is the change of the flat output. The limit holds to about 0.1 %, the resolution of the table. Where
-    the voltages already exceed it, because it was lowered, the transition may start there and go no further.
+    `change` (n_u,) is the change of the flat output; a number as `limit` is one of all magnitudes (V). The limits hold
+    to about 0.1 %, the resolution of the table. Where a voltage already exceeds one, because it was narrowed, the
+    transition may start there and go no further.
     """
-    goal = float(np.max(np.abs(motion.offset + motion.changes.sum(axis=0) + change)))
-    if goal > limit * (1 + 1e-9):
-        return TransitionPlan(duration=0.0, peak=goal, peak_at_rest=goal)
-    present = float(np.max(np.abs(motion.voltage(shapes, np.array([now])))))
-    tolerated = max(limit, present) * (1 + 1e-9)
+    limits = limit if isinstance(limit, VoltageLimits) else VoltageLimits.symmetric(limit, len(change))
+    goal = motion.offset + motion.changes.sum(axis=0) + change
+    peak_at_rest = float(np.max(np.abs(goal)))
+    violation = limits.furthest_beyond(goal, goal)
+
+    def plan(duration: float, peak: float, violation: Violation, *, at_rest: bool = False) -> TransitionPlan:
+        return TransitionPlan(
+            duration=duration, peak=peak, peak_at_rest=peak_at_rest, at_rest=at_rest, violation=violation
+        )
+
+    if not violation.excess <= LIMIT_ROUNDING * limits.largest:
+        return plan(0.0, peak_at_rest, violation, at_rest=True)
+    tolerated = limits.containing(motion.voltage(shapes, np.array([now]))[0])
     tau = sample_grid(shapes.values.shape[1] - 1)
     pending = [time[time > now] for time in motion.starts[:, None] + np.outer(motion.durations, tau)]
     longest = max(shapes.times[-1], *motion.durations, requested) * LONGEST_FACTOR
-    duration, peak = max(requested, float(shapes.times[0])), goal
+    duration, peak = max(requested, float(shapes.times[0])), peak_at_rest
     growth = float(shapes.times[1] / shapes.times[0])
     while duration <= longest:
         extended = motion.with_transition(now, duration, change)
-        peak = max(_peak(extended.voltage(shapes, time)) for time in [now + duration * tau, *pending])
-        if peak <= tolerated:
-            return TransitionPlan(duration=duration, peak=peak, peak_at_rest=goal)
-        duration *= growth
-    return TransitionPlan(duration=0.0, peak=peak, peak_at_rest=goal)
+        extremes = [_extremes(extended.voltage(shapes, time)) for time in [now + duration * tau, *pending] if len(time)]
+        lowest, highest = np.min([e[0] for e in extremes], axis=0), np.max([e[1] for e in extremes], axis=0)
+        peak = float(max(np.max(np.abs(lowest)), np.max(np.abs(highest))))
+        beyond = tolerated.furthest_beyond(lowest, highest)
+        if beyond.excess <= LIMIT_ROUNDING * tolerated.largest:
+            return plan(duration, peak, violation)
+        duration, violation = duration * growth, beyond
+    return plan(0.0, peak, violation)
 
 
-def _peak(u: Array) -> float:
-    """Largest magnitude of u (k, n_u), between its rows too: at the vertex of the parabola through three neighbours."""
+def _extremes(u: Array) -> tuple[Array, Array]:
+    """Lowest and highest of each column of u (k, n_u), between its rows too: at the vertex of the parabola through
+    three neighbours."""
+    lowest, highest = u.min(axis=0), u.max(axis=0)
     if len(u) < 3:
-        return float(np.max(np.abs(u), initial=0.0))
+        return lowest, highest
     before, here, after = u[:-2], u[1:-1], u[2:]
     bend, turns = before - 2 * here + after, (here - before) * (after - here) < 0
     vertex = here - np.where(turns, (after - before) ** 2 / (8 * np.where(turns, bend, 1.0)), 0.0)
-    return float(max(np.max(np.abs(u)), np.max(np.abs(vertex))))
+    return np.minimum(lowest, vertex.min(axis=0)), np.maximum(highest, vertex.max(axis=0))

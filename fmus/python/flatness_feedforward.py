@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from flexbeams.controller.flat_output import FlatParameterisation
 from flexbeams.controller.planner import OFF_REACH, InputShapes, PendingTransitions, plan_transition
 from flexbeams.controller.transition import Transition
+from flexbeams.controller.voltage_limits import Violation, VoltageLimits
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
 
@@ -44,13 +45,11 @@ class FlatnessFeedforward(Unit):
         if (point := self._unreachable_point()) is not None:
             raise UnitError(f"y_target is out of reach: {self._nearest(point)}")
         self._offset[:] = self.data["static_inverse"] @ self._target
-        peak = float(np.max(np.abs(self._offset)))
-        if peak > self.view("voltage_limit")[0]:
-            raise UnitError(
-                f"y_target is out of reach: it takes {peak:.1f} V at rest, voltage_limit is "
-                f"{self.view('voltage_limit')[0]:.1f} V"
-            )
-        self.view("planned_peak")[0] = peak
+        violation = self._limits().furthest_beyond(self._offset, self._offset)
+        if violation.excess > 0:
+            name, limit, voltage = self._broken_limit(violation)
+            raise UnitError(f"y_target is out of reach: it takes {voltage:.1f} V at rest, {name} is {limit:.1f} V")
+        self.view("planned_peak")[0] = np.max(np.abs(self._offset))
         self._at_rest = False
         self._evaluate(self._preview[0])
 
@@ -89,6 +88,19 @@ class FlatnessFeedforward(Unit):
             f"{target - self._missed()[point]:.6g} m in place of {target:.6g} m"
         )
 
+    def _limits(self) -> VoltageLimits:
+        return VoltageLimits.joined(
+            float(self.view("voltage_limit")[0]), self.view("voltage_min"), self.view("voltage_max")
+        )
+
+    def _broken_limit(self, violation: Violation) -> tuple[str, float, float]:
+        """The parameter that a voltage is beyond, its value, and the voltage: for voltage_limit, its magnitude."""
+        name, symmetric = "voltage_min" if violation.is_below else "voltage_max", float(self.view("voltage_limit")[0])
+        own = float(self.view(name)[violation.pair])
+        if abs(own) < symmetric:
+            return f"{name}[{violation.pair + 1}]", own, violation.voltage
+        return "voltage_limit", symmetric, abs(violation.voltage)
+
     def _plan(self, time: float) -> None:
         if (point := self._unreachable_point()) is not None:
             self._handled[:] = self._target
@@ -101,22 +113,24 @@ class FlatnessFeedforward(Unit):
         motion = self._motion()
         goal = self.data["static_inverse"] @ self._target
         change = goal - motion.offset - motion.changes.sum(axis=0)
-        wanted, limit = float(self.view("transition_time")[0]), float(self.view("voltage_limit")[0])
-        plan = plan_transition(motion, self._shapes, now=time, change=change, requested=wanted, limit=limit)
+        wanted = float(self.view("transition_time")[0])
+        plan = plan_transition(motion, self._shapes, now=time, change=change, requested=wanted, limit=self._limits())
+        name, limit, voltage = self._broken_limit(plan.violation)
         self._handled[:] = self._target
         self.view("target_refused")[0] = plan.duration == 0
         self.view("planned_peak")[0] = plan.peak
         if plan.duration == 0:
-            place = "at rest" if plan.peak_at_rest > limit else "on the way"
+            place = "at rest" if plan.at_rest else "on the way"
             self.warn(
-                f"y_target at {self.clock.start + time:.6g} s is refused: it takes {plan.peak:.1f} V {place}, "
-                f"voltage_limit is {limit:.1f} V; the target before is held"
+                f"y_target at {self.clock.start + time:.6g} s is refused: it takes {voltage:.1f} V {place}, "
+                f"{name} is {limit:.1f} V; the target before is held"
             )
             return
         if plan.duration > wanted:
+            named = "" if name == "voltage_limit" else f"{name} = "
             self.note(
                 f"the transition at {self.clock.start + time:.6g} s is stretched from {wanted:.4g} s to "
-                f"{plan.duration:.4g} s to stay within {limit:.1f} V"
+                f"{plan.duration:.4g} s to stay within {named}{limit:.1f} V"
             )
         self.view("planned_time")[0] = plan.duration
         slot = int(self._count[0])

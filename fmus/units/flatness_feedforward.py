@@ -20,7 +20,8 @@ from flexbeams.fmus.units.native_kernel import (
     first_references,
     header_constant,
 )
-from flexbeams.fmus.units.ranges import target_range, voltage_range
+from flexbeams.fmus.units.ranges import target_range
+from flexbeams.fmus.units.voltage_limits import VOLTAGE_LIMITS, voltage_limits
 from flexbeams.plant.galerkin import BeamModel
 
 SLOTS = header_constant(NATIVE / "units" / "flat_output.h", "SLOTS")  # transitions in progress at once
@@ -57,7 +58,9 @@ def declare(design: Design, model: BeamModel) -> Interface:
             ),
             Variable(name="moving", type="Boolean", causality="output", description="A transition is in progress"),
             *_last_plan(limit),
-            *_parameters(options.transition_time, limit, voltage_range(design)["maximum"]),
+            _transition_time(options.transition_time),
+            *voltage_limits(design, "planned voltages"),
+            _preview(),
             design_id_variable(design),
         ),
         step_size=options.sample_time,
@@ -72,7 +75,7 @@ def _last_plan(limit: float) -> Iterator[Variable]:
         name="target_refused",
         type="Boolean",
         causality="local",
-        description="The last target cannot be reached within the voltage limit; the previous one is held",
+        description="The last target cannot be reached within the voltage limits; the previous one is held",
     )
     yield Variable(
         name="planned_time",
@@ -89,29 +92,21 @@ def _last_plan(limit: float) -> Iterator[Variable]:
     )
 
 
-def _parameters(transition_time: float, limit: float, largest_limit: float) -> Iterator[Variable]:
-    yield Variable(
+def _transition_time(start: float) -> Variable:
+    return Variable(
         name="transition_time",
         causality="parameter",
         variability="tunable",
         unit="s",
-        start=transition_time,
+        start=start,
         minimum=1e-3,
         maximum=1e4,
-        description="Requested duration of the next transition; longer where the voltage limit requires it",
+        description="Requested duration of the next transition; longer where a voltage limit requires it",
     )
-    yield Variable(
-        name="voltage_limit",
-        causality="parameter",
-        variability="tunable",
-        start=limit,
-        minimum=0.0,
-        maximum=largest_limit,
-        unit="V",
-        nominal=limit,
-        description="Largest voltage magnitude planned with",
-    )
-    yield Variable(
+
+
+def _preview() -> Variable:
+    return Variable(
         name="preview",
         causality="parameter",
         variability="tunable",
@@ -165,7 +160,7 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
             "planned_time",
             "planned_peak",
             "transition_time",
-            "voltage_limit",
+            *VOLTAGE_LIMITS,
             "preview",
         ),
         "flat": _native_flat_output(data),
@@ -274,8 +269,9 @@ A changed target starts a transition; transitions add, so that a new one may sta
 = ξ(t) = ξ_0 + sum_k Δξ_k Θ((t−t_k) / T_k)
 = Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})
 Derivatives of Θ are exact: they come from power series. A transition takes transition_time, or as much longer as it
-takes to keep the whole motion within voltage_limit. A target that needs more than that at rest, or that no voltages
-reach, is refused: one line in the log, target_refused is true, the previous target is held.
+takes to keep the whole motion within the limits: voltage_limit of all magnitudes, voltage_min and voltage_max of each
+pair. Where a limit was narrowed below a voltage under way, the motion goes no further. A target that needs more at
+rest, or that no voltages reach, is refused: one line in the log, target_refused is true, the previous target is held.
 """,
         timing="""
 A target set before a step starts its transition at the beginning of that step. Outputs after a step are those at its

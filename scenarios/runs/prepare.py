@@ -34,6 +34,7 @@ from flexbeams.scenarios.runs.requirements import (
     require_sampled_signals,
     whole_steps,
 )
+from flexbeams.scenarios.runs.voltage_limits import note_limits
 from flexbeams.scenarios.simulation.frames import frame_layout
 from flexbeams.scenarios.simulation.sensors import require_sensors
 from flexbeams.scenarios.simulation.wiring import Wiring, plan_wiring
@@ -110,6 +111,7 @@ def prepare_scenario(
     require_one_instance_each(declarations, source)
     starts = start_values(scenario, declarations, settings.overrides, source)
     require_reachable_targets(scenario, design, kinds, declarations, starts, source)
+    note_limits(declarations, starts, notify)
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     require_discrete_signals(wiring, declarations, steps, step, source)
     note_skipped_rows(scenario, wiring, steps, step, notify)

@@ -18,6 +18,7 @@ from flexbeams.scenarios.definition.signals import TIME_TOLERANCE, Signal, requi
 from flexbeams.scenarios.definition.values import require_value
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.curves import figure_curve
+from flexbeams.scenarios.runs.voltage_limits import broken_limit, voltage_limits_of
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.wiring import Wiring
 
@@ -139,12 +140,14 @@ def require_reachable_targets(
         owner, _, variable = drive.to.partition(".")
         if owner not in kinds or not variable or variable != kinds[owner].targets:
             continue
-        limit = float(starts[owner].get("voltage_limit", declarations[owner].variables["voltage_limit"].start))
         for t, target in enumerate(drive.targets or [], 1):
-            _require_reachable(target.value, design, limit, f"input[{k}].targets[{t}].value", source)
+            key = f"input[{k}].targets[{t}].value"
+            _require_reachable(target.value, design, declarations[owner].variables, starts[owner], key, source)
 
 
-def _require_reachable(target: list[float], design: Design, limit: float, key: str, source: str) -> None:
+def _require_reachable(
+    target: list[float], design: Design, variables: Mapping[str, Any], starts: StartValues, key: str, source: str
+) -> None:
     inverse = design.arrays["static_inverse"]
     if len(target) != inverse.shape[1]:
         rule = f"must have {inverse.shape[1]} values, one for each point of interest"
@@ -154,10 +157,11 @@ def _require_reachable(target: list[float], design: Design, limit: float, key: s
         nearest = ", ".join(f"{y:.6g}" for y in np.array(target) - missed)
         rule = f"is out of reach: no voltages reach it, the nearest reachable target is [{nearest}]"
         raise InputError(key, f'{rule}; design.targets = "nearest" takes that', target, source=source)
-    voltage = np.abs(inverse @ np.array(target))
-    if (peak := float(voltage.max())) > limit:
-        need = f"patch pair {voltage.argmax() + 1} would need {peak:.1f} V at rest, the limit is {limit:g} V"
-        raise InputError(key, f"is out of reach: {need}", target, source=source)
+    voltages = inverse @ np.array(target)
+    worst = voltage_limits_of(variables, starts).furthest_beyond(voltages, voltages)
+    if worst.excess > 0:
+        rule = f"is out of reach: {broken_limit(worst, variables, starts)}"
+        raise InputError(key, rule, target, source=source)
 
 
 def reachable_checks(scenario: Scenario, settings: Settings, source: str, notify: Callable[[str], None]) -> Scenario:

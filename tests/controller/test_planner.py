@@ -8,6 +8,7 @@ import pytest
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition, sample_grid
+from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.examples import five_beams
@@ -46,6 +47,10 @@ def voltages(made: Design, motion: PendingTransitions, time: Array) -> Array:
         series = taylor_coefficients_at(made.options.gevrey_order, tau, degree)
         u += np.outer(series @ (c * factorials(degree) / duration ** np.arange(degree + 1)), step)
     return u
+
+
+def limits(lowest: list[float], highest: list[float]) -> VoltageLimits:
+    return VoltageLimits(lowest=np.array(lowest), highest=np.array(highest))
 
 
 def peak(made: Design, motion: PendingTransitions, now: float) -> float:
@@ -192,3 +197,82 @@ def test_shortest_transition_is_the_tables() -> None:
         at_rest(np.zeros(4)), shapes(design()), now=0.0, change=1e-6 * GOAL, requested=1e-3, limit=LIMIT
     )
     assert plan.duration == shapes(design()).times[0]
+
+
+def extremes(made: Design, motion: PendingTransitions, now: float) -> tuple[Array, Array]:
+    """Lowest and highest u* of each pair from `now` on, looked at as in `peak`."""
+    time = np.unique(motion.starts[:, None] + np.outer(motion.durations, sample_grid(1000)))
+    u = voltages(made, motion, time[time >= now])
+    return u.min(axis=0), u.max(axis=0)
+
+
+@pytest.mark.parametrize("pair", range(4))
+def test_the_limit_of_one_pair_stretches_the_transition_for_all(pair: int) -> None:
+    """A limit 5 % above what a pair needs at rest, on the side to which it moves; on the other side 2 % are enough."""
+    made, step = design(), 0.5 * GOAL
+    free = plan_transition(at_rest(np.zeros(4)), shapes(made), now=0.0, change=step, requested=0.4, limit=LIMIT)
+    one, other = [-1000.0] * 4, [1000.0] * 4
+    (other if step[pair] > 0 else one)[pair] = 1.05 * step[pair]
+    narrow = limits(one, other)
+    plan = plan_transition(at_rest(np.zeros(4)), shapes(made), now=0.0, change=step, requested=0.4, limit=narrow)
+    assert plan.duration > free.duration > 0
+    assert (plan.violation.pair, plan.violation.is_below) == (pair, bool(step[pair] < 0))
+    lowest, highest = extremes(made, at_rest(np.zeros(4)).with_transition(0.0, plan.duration, step), 0.0)
+    assert np.all(lowest >= narrow.lowest * (1 + 2e-3))
+    assert np.all(highest <= narrow.highest * (1 + 2e-3))
+    shorter = at_rest(np.zeros(4)).with_transition(0.0, plan.duration / 1.06, step)
+    assert narrow.furthest_beyond(*extremes(made, shorter, 0.0)).excess > 0
+    (one if step[pair] > 0 else other)[pair] = -0.02 * step[pair]
+    same = plan_transition(at_rest(np.zeros(4)), shapes(made), now=0.0, change=step, requested=0.9, limit=narrow)
+    assert same.duration == pytest.approx(max(0.9, plan.duration), rel=0.06)
+
+
+def test_every_plan_keeps_limits_of_its_own_for_each_pair() -> None:
+    """Random limits around zero and random targets within them, each in the midst of the motion before."""
+    made, generator = design(), np.random.default_rng(11)
+    stretched = 0
+    for _ in range(6):
+        within = limits(list(-generator.uniform(50, 900, 4)), list(generator.uniform(50, 900, 4)))
+        motion, now = at_rest(np.zeros(4)), 0.0
+        for _ in range(3):
+            goal = within.lowest + (within.highest - within.lowest) * generator.uniform(0.03, 0.97, 4)
+            step = goal - motion.offset - motion.changes.sum(axis=0)
+            wanted = float(10 ** generator.uniform(-0.7, 0.3))
+            plan = plan_transition(motion, shapes(made), now=now, change=step, requested=wanted, limit=within)
+            if plan.duration == 0:
+                assert not plan.at_rest
+                break
+            stretched += plan.duration > max(wanted, shapes(made).times[0])
+            motion = motion.with_transition(now, plan.duration, step)
+            assert within.furthest_beyond(*extremes(made, motion, now)).excess < 2e-3 * 900
+            now += plan.duration * generator.uniform(0.05, 0.9)
+    assert stretched > 3
+
+
+def test_a_target_beyond_one_pairs_limit_is_refused_with_that_pair() -> None:
+    """On the side of its sign only; the limit itself is within."""
+    table, rest = shapes(design()), at_rest(np.zeros(4))
+    narrow = limits([-1000.0, -700.0, -1000.0, -50.0], [1000.0, 50.0, 1000.0, 1000.0])
+    plan = plan_transition(rest, table, now=0.0, change=GOAL, requested=0.9, limit=narrow)
+    assert (plan.duration, plan.at_rest, plan.violation.pair, plan.violation.is_below) == (0.0, True, 1, True)
+    assert (plan.violation.voltage, plan.violation.excess) == (-770.0, 70.0)
+    edge = limits([-1000.0, -770.0, -1000.0, -50.0], [1000.0, 50.0, 1000.0, 1000.0])
+    assert plan_transition(rest, table, now=0.0, change=GOAL, requested=2.0, limit=edge).duration >= 2.0
+    assert plan_transition(rest, table, now=0.0, change=-0.1 * GOAL, requested=0.9, limit=edge).at_rest
+
+
+def test_a_pair_beyond_its_narrowed_limit_gives_the_others_no_leave() -> None:
+    """Pair 1 rests at 817 V beyond 400 V; pair 2, at -770 V within its limits, must keep those."""
+    narrow = limits([-1000.0] * 4, [400.0, 1000.0, 1000.0, 1000.0])
+    wide = narrow.containing(GOAL)
+    assert (wide.lowest.tolist(), wide.highest.tolist()) == ([-1000.0] * 4, [817.0, 1000.0, 1000.0, 1000.0])
+    plan = plan_transition(at_rest(GOAL), shapes(design()), now=3.0, change=-0.9 * GOAL, requested=0.9, limit=narrow)
+    assert (plan.duration, plan.peak) == (0.9, pytest.approx(817))
+
+
+def test_a_pair_that_may_not_move_at_all() -> None:
+    still = limits([-1000.0, 0.0, -1000.0, -1000.0], [1000.0, 0.0, 1000.0, 1000.0])
+    table, rest, change = shapes(design()), at_rest(np.zeros(4)), np.array([500.0, 0.0, -400.0, 300.0])
+    assert plan_transition(rest, table, now=0.0, change=change, requested=0.9, limit=still).duration == 0.9
+    change[1] = 1e-3
+    assert plan_transition(rest, table, now=0.0, change=change, requested=0.9, limit=still).at_rest

@@ -293,6 +293,46 @@ def test_whole_motion_is_kept_within_the_limit(units: BuiltUnits) -> None:
     assert np.abs(u).max() <= 1001.0
 
 
+def test_limits_of_a_pair(units: BuiltUnits) -> None:
+    """Voltages at rest are about 817, -770, -807 and 781 V: refused at rest, stretched, and in reach again."""
+    u = voltages_of(TARGET)
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(voltage_min=[-1e4, -700.0, -1e4, -1e4])
+        unit.advance(0.1, y_target=TARGET)
+        assert unit.notes == [
+            f"unit: y_target at 0 s is refused: it takes {u[1]:.1f} V at rest, voltage_min[2] is -700.0 V; "
+            "the target before is held"
+        ]
+        unit.advance(0.1, voltage_min=-1e4, transition_time=0.45, y_target=0.5 * TARGET)
+        assert unit.take("planned_time")[0] < 0.5
+        unit.advance(2.0, y_target=0.0).advance(2.0)
+        unit.put("voltage_max", [1.05 * 0.5 * u[0], 30.0, 1e4, 1e4])
+        moved = trace(unit, 2500, 1e-3, y_target={0: 0.5 * TARGET})[:, :4]
+        time, peak = unit.take("planned_time", "planned_peak")
+        assert unit.notes[-1].endswith(f"to {time:.4g} s to stay within voltage_max[1] = {1.05 * 0.5 * u[0]:.1f} V")
+        assert moved.max(axis=0)[0] <= 1.05 * 0.5 * u[0] * 1.001
+        assert moved.max(axis=0)[1] <= 30.0
+        assert peak == pytest.approx(np.abs(moved).max(), rel=5e-3)
+
+
+def test_first_target_beyond_the_limit_of_a_pair(units: BuiltUnits) -> None:
+    """The limit itself is in reach; the voltage of a pair that may be high may not be low."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        [lowest] = unit.begin(y_target=TARGET).take("u_ff[2]")
+        unit.call("reset")
+        np.testing.assert_allclose(unit.begin(y_target=TARGET).take("u_ff[2]"), lowest)
+        unit.call("reset")
+        unit.begin(**{"voltage_min[2]": lowest}, y_target=TARGET)
+        assert unit.take("u_ff[2]")[0] == lowest
+        unit.call("reset")
+        rule = re.escape(f"out of reach: it takes {lowest:.1f} V at rest, voltage_min[2] is {lowest:.1f} V")
+        with pytest.raises(UnitFailure, match=rule):
+            unit.begin(**{"voltage_min[2]": np.nextafter(lowest, 0)}, y_target=TARGET)
+        unit.call("reset")
+        with pytest.raises(UnitFailure, match=r"takes 781\.\d V at rest, voltage_max\[4\] is 0\.0 V"):
+            unit.begin(**{"voltage_max[4]": 0.0}, y_target=TARGET)
+
+
 @pytest.mark.parametrize("preview", [1e-3, 0.013])
 def test_preview_shifts_the_outputs(units: BuiltUnits, preview: float) -> None:
     steps = round(preview / 1e-3)

@@ -71,7 +71,13 @@ def test_variables_of_the_units(workshop: Workshop, structure: str, basis: str) 
         "FlatnessFeedforward": {
             "input": {"y_target": n_pi},
             "output": {"u_ff": n_u, "x_ref": m, "y_ref": n_pi, "moving": 1},
-            "parameter": {"transition_time": 1, "voltage_limit": 1, "preview": 1},
+            "parameter": {
+                "transition_time": 1,
+                "voltage_limit": 1,
+                "voltage_min": n_u,
+                "voltage_max": n_u,
+                "preview": 1,
+            },
         },
         "TrackingController": {
             "input": {"y_pm": n_pm, "u_ff": n_u, "x_ref": m},
@@ -300,6 +306,9 @@ def test_start_at_another_time(workshop: Workshop, unit: str) -> None:
         ("FlatnessFeedforward", "transition_time", 0.0, "transition_time must be >= 0.001, got 0.0"),
         ("FlatnessFeedforward", "preview", -1.0, "preview must be >= 0.0, got -1.0"),
         ("FlatnessFeedforward", "voltage_limit", -1.0, "voltage_limit must be >= 0.0, got -1.0"),
+        ("FlatnessFeedforward", "voltage_min[2]", 1e-9, "voltage_min[2] must be <= 0.0, got 1e-09"),
+        ("FlatnessFeedforward", "voltage_max[3]", -200.0, "voltage_max[3] must be >= 0.0, got -200.0"),
+        ("FlatnessFeedforward", "voltage_max[3]", np.nan, "voltage_max[3] must be finite, got nan"),
         ("TrackingController", "y_pm[6]", np.nan, "y_pm[6] must be finite, got nan"),
         ("TrackingController", "integral_gain", 1.5, "integral_gain must be <= 0.0012, got 1.5"),
         ("TrackingController", "voltage_limit", -5.0, "voltage_limit must be >= 0.0, got -5.0"),

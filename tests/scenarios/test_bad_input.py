@@ -156,7 +156,7 @@ SCENARIOS = {
     "unknown_start_value": (
         swapped("start.transition_time", "start.transition_tim"),
         "instance.feedforward.start.transition_tim is not a variable; did you mean "
-        "'transition_time'? (valid: y_target, transition_time, voltage_limit, preview)",
+        "'transition_time'? (valid: y_target, transition_time, voltage_limit, voltage_min, voltage_max, preview)",
     ),
     "start_value_of_output": (
         swapped("start.transition_time", "start.u_ff"),
@@ -445,6 +445,10 @@ OPTIONS = {
     "target_out_of_reach_by_limit": (
         ["--set", "feedforward.voltage_limit=100"],
         "would need 817.0 V at rest, the limit is 100 V",
+    ),
+    "target_out_of_reach_by_limit_of_a_pair": (
+        ["--set", "feedforward.voltage_min[2]=-500"],
+        "patch pair 2 would need -770.0 V at rest, voltage_min[2] is -500 V",
     ),
     "driven_input": (
         ["--set", "plant.u[1]=1"],

@@ -19,6 +19,11 @@ INTERNAL_INLINE double larger(double a, double b)
     return a > b || isnan(a) ? a : b;
 }
 
+INTERNAL_INLINE double smaller(double a, double b)
+{
+    return a < b || isnan(a) ? a : b;
+}
+
 /* Are all values within a range? NaN is not. */
 INTERNAL_INLINE bool all_within(size_t n, const double *values, double low, double high)
 {

@@ -38,12 +38,15 @@ static Motion motion_of(const UnitInstance *unit)
                     .changes = durations + SLOTS};
 }
 
-/* Workspace: of the flat output's evaluation; or the outputs' arguments; or a change and scratch of the planner. */
+/* Workspace: of the flat output's evaluation; or the outputs' arguments; or a change, the limits of the voltages and
+   scratch of the planner. */
 static size_t flatness_feedforward_workspace_size(const void *data)
 {
     const FlatnessFeedforwardData *const feedforward = data;
     const size_t evaluation = flat_output_scratch(&feedforward->flat);
-    const size_t others = feedforward->flat.states + 4 * feedforward->flat.voltages;
+    const size_t outputs = feedforward->flat.states + feedforward->flat.voltages;
+    const size_t planning = (3 + PLANNER_SCRATCH) * feedforward->flat.voltages;
+    const size_t others = outputs > planning ? outputs : planning;
     return evaluation > others ? evaluation : others;
 }
 
@@ -117,6 +120,55 @@ static size_t unreachable_point(const FlatnessFeedforwardData *feedforward, cons
     return furthest > OFF_REACH * largest ? point : feedforward->points;
 }
 
+/* The limits of the voltages, behind a change in the workspace. */
+static VoltageRange limits_of(UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const size_t voltages = feedforward->flat.voltages;
+    const double *const values = unit->values;
+    const VoltageRange limits = {.lowest = unit->workspace + voltages, .highest = unit->workspace + 2 * voltages};
+    join_limits(voltages, values[feedforward->voltage_limit], values + feedforward->voltage_min,
+                values + feedforward->voltage_max, limits);
+    return limits;
+}
+
+/* For the log: the limit that a voltage is beyond, and the voltage; voltage_limit is one of magnitudes. */
+typedef struct {
+    const char *name;
+    double limit;
+    double voltage;
+} BrokenLimit;
+
+static BrokenLimit broken_limit(const UnitInstance *unit, Violation violation)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const unsigned symmetric = feedforward->voltage_limit;
+    const unsigned own =
+        (violation.is_below ? feedforward->voltage_min : feedforward->voltage_max) + (unsigned)violation.pair;
+    if (fabs(unit->values[own]) < unit->values[symmetric])
+        return (BrokenLimit){
+            .name = unit->variables[own].name, .limit = unit->values[own], .voltage = violation.voltage};
+    return (BrokenLimit){
+        .name = unit->variables[symmetric].name, .limit = unit->values[symmetric], .voltage = fabs(violation.voltage)};
+}
+
+static void warn_of_refusal(UnitInstance *unit, double time, const TransitionPlan *plan)
+{
+    const BrokenLimit broken = broken_limit(unit, plan->violation);
+    unit_warn(unit, "y_target at %.6g s is refused: it takes %.1f V %s, %s is %.1f V; the target before is held",
+              unit->start + time, broken.voltage, plan->at_rest ? "at rest" : "on the way", broken.name, broken.limit);
+}
+
+static void note_stretching(UnitInstance *unit, double time, double shortest, const TransitionPlan *plan)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const BrokenLimit broken = broken_limit(unit, plan->violation);
+    const bool is_own = broken.name != unit->variables[feedforward->voltage_limit].name;
+    unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %s%s%.1f V",
+              unit->start + time, shortest, plan->duration, is_own ? broken.name : "", is_own ? " = " : "",
+              broken.limit);
+}
+
 /* Start the transition to a changed target. */
 static void start_transition(UnitInstance *unit, double time)
 {
@@ -144,22 +196,18 @@ static void start_transition(UnitInstance *unit, double time)
         change[j] -= motion.offset[j] + sum;
     }
     const double shortest = values[feedforward->transition_time];
-    const double limit = values[feedforward->voltage_limit];
-    const TransitionPlan plan = plan_transition(feedforward, &motion, time, change, shortest, limit, change + voltages);
+    const TransitionPlan plan =
+        plan_transition(feedforward, &motion, time, change, shortest, limits_of(unit), unit->workspace + 3 * voltages);
     memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     const bool refused = !(plan.duration > 0.0);
     values[feedforward->target_refused] = refused;
     values[feedforward->planned_peak] = plan.peak;
     if (refused) {
-        unit_warn(
-            unit,
-            "y_target at %.6g s is refused: it takes %.1f V %s, voltage_limit is %.1f V; the target before is held",
-            unit->start + time, plan.peak, plan.peak_at_rest > limit ? "at rest" : "on the way", limit);
+        warn_of_refusal(unit, time, &plan);
         return;
     }
     if (plan.duration > shortest)
-        unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %.1f V",
-                  unit->start + time, shortest, plan.duration, limit);
+        note_stretching(unit, time, shortest, &plan);
     values[feedforward->planned_time] = plan.duration;
     motion.durations[motion.count] = plan.duration;
     unit->state[0] += 1.0;
@@ -169,6 +217,7 @@ static void start_transition(UnitInstance *unit, double time)
 static bool flatness_feedforward_initialise(UnitInstance *unit)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
+    const size_t voltages = feedforward->flat.voltages;
     double *const values = unit->values;
     double *const target = values + feedforward->y_target;
     const size_t point = unreachable_point(feedforward, target);
@@ -180,16 +229,15 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
     memset(unit->state, 0, flatness_feedforward_state_size(feedforward) * sizeof *unit->state);
     memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     double *const offset = motion_of(unit).offset;
-    const double limit = values[feedforward->voltage_limit];
-    multiply_panels(feedforward->flat.voltages, feedforward->points, feedforward->static_inverse, target, false,
-                    offset);
-    double peak = 0.0;
-    for (size_t j = 0; j < feedforward->flat.voltages; j++)
-        peak = larger(peak, fabs(offset[j]));
-    if (!(peak <= limit))
-        return unit_refuse(unit, "y_target is out of reach: it takes %.1f V at rest, voltage_limit is %.1f V", peak,
-                           limit);
-    values[feedforward->planned_peak] = peak;
+    multiply_panels(voltages, feedforward->points, feedforward->static_inverse, target, false, offset);
+    const VoltageRange rest = {.lowest = offset, .highest = offset};
+    const Violation violation = furthest_beyond(voltages, rest, limits_of(unit));
+    if (!(violation.excess <= 0.0)) {
+        const BrokenLimit broken = broken_limit(unit, violation);
+        return unit_refuse(unit, "y_target is out of reach: it takes %.1f V at rest, %s is %.1f V", broken.voltage,
+                           broken.name, broken.limit);
+    }
+    values[feedforward->planned_peak] = largest_magnitude(voltages, rest);
     write_references(unit, values[feedforward->preview]);
     return true;
 }

@@ -21,6 +21,8 @@ typedef struct {
     unsigned planned_peak;
     unsigned transition_time;
     unsigned voltage_limit;
+    unsigned voltage_min;
+    unsigned voltage_max;
     unsigned preview;
     FlatOutput flat;
     const double *static_inverse;    /* panels (voltages, points), V/m */

@@ -5,7 +5,8 @@
 
 #include "ranges.h"
 
-#define LONGEST_FACTOR 8.0 /* longest transition tried, as a multiple of the longest one tabulated or under way */
+#define LONGEST_FACTOR 8.0  /* longest transition tried, as a multiple of the longest one tabulated or under way */
+#define LIMIT_ROUNDING 1e-9 /* of the largest limit: a voltage this far beyond its own is within */
 
 /* D_u(d/dt) Theta over a transition of one duration: between two of the tabulated curves. One curve serves every input
    and target, since D_u is scalar. */
@@ -56,23 +57,34 @@ static void voltages_at(const FlatnessFeedforwardData *data, const Motion *motio
     }
 }
 
-/* Magnitude of the peak of the parabola through three neighbours where they turn, else of the middle one. */
+/* Peak of the parabola through three neighbours where they turn, else the middle one. */
 static double parabola_peak(double before, double here, double after)
 {
     if (!((here - before) * (after - here) < 0.0))
-        return fabs(here);
-    return fabs(here - (after - before) * (after - before) / (8 * (before - 2 * here + after)));
+        return here;
+    return here - (after - before) * (after - before) / (8 * (before - 2 * here + after));
 }
 
-/* Largest planned |u| after `now`, between the times at which each transition is sampled too. `u` (3, voltages). */
-static double motion_peak(const FlatnessFeedforwardData *data, const Motion *motion, double now, double *u)
+static void include(VoltageRange range, size_t pair, double voltage)
+{
+    range.lowest[pair] = smaller(voltage, range.lowest[pair]);
+    range.highest[pair] = larger(voltage, range.highest[pair]);
+}
+
+/* Planned voltages of each pair after `now`, also those between the times at which each transition is sampled.
+   `u` (3, voltages). */
+static void find_extremes(const FlatnessFeedforwardData *data, const Motion *motion, double now, VoltageRange range,
+                          double *u)
 {
     const size_t voltages = data->flat.voltages;
     const size_t last = motion->count - 1;
     VoltageCurve curves[SLOTS];
     for (size_t k = 0; k <= last; k++)
         curves[k] = curve_of(data, motion->durations[k]);
-    double peak = 0.0;
+    for (size_t j = 0; j < voltages; j++) {
+        range.lowest[j] = HUGE_VAL;
+        range.highest[j] = -HUGE_VAL;
+    }
     for (size_t k = 0; k <= last; k++) {
         for (size_t i = 0; i <= last; i++)
             curves[i].index = 0;
@@ -91,67 +103,82 @@ static double motion_peak(const FlatnessFeedforwardData *data, const Motion *mot
             voltages_at(data, motion, curves, time, after);
             sampled++;
             for (size_t j = 0; j < voltages; j++) {
-                peak = larger(peak, fabs(after[j]));
+                include(range, j, after[j]);
                 if (sampled >= 3)
-                    peak = larger(peak, parabola_peak(before[j], here[j], after[j]));
+                    include(range, j, parabola_peak(before[j], here[j], after[j]));
             }
         }
     }
-    return peak;
 }
 
-/* Largest planned |u| at `now`. */
-static double present_peak(const FlatnessFeedforwardData *data, const Motion *motion, double now, double *u)
+/* The limits, and where the planned voltages are beyond one at `now`, since it was narrowed, these. `u` (voltages,). */
+static void tolerate_present(const FlatnessFeedforwardData *data, const Motion *motion, double now, VoltageRange limits,
+                             VoltageRange tolerated, double *u)
 {
     VoltageCurve curves[SLOTS];
     for (size_t k = 0; k < motion->count; k++)
         curves[k] = curve_of(data, motion->durations[k]);
     voltages_at(data, motion, curves, now, u);
-    double peak = 0.0;
-    for (size_t j = 0; j < data->flat.voltages; j++)
-        peak = larger(peak, fabs(u[j]));
-    return peak;
+    for (size_t j = 0; j < data->flat.voltages; j++) {
+        tolerated.lowest[j] = smaller(u[j], limits.lowest[j]);
+        tolerated.highest[j] = larger(u[j], limits.highest[j]);
+    }
 }
 
-/* Largest |u| once the motion and a change have ended. */
-static double peak_at_rest(const FlatnessFeedforwardData *data, const Motion *motion, const double *change)
+/* Voltages once the motion and a change have ended. */
+static void find_goal(const FlatnessFeedforwardData *data, const Motion *motion, const double *change, double *goal)
 {
-    double peak = 0.0;
     for (size_t j = 0; j < data->flat.voltages; j++) {
-        double goal = motion->offset[j] + change[j];
+        goal[j] = motion->offset[j] + change[j];
         for (size_t k = 0; k < motion->count; k++)
-            goal += motion->changes[k * data->flat.voltages + j];
-        peak = larger(peak, fabs(goal));
+            goal[j] += motion->changes[k * data->flat.voltages + j];
     }
-    return peak;
+}
+
+/* The duration that keeps within `tolerated`, for the motion with its new transition in the slot behind the last. */
+static void find_duration(const FlatnessFeedforwardData *data, Motion *extended, double now, double shortest,
+                          VoltageRange tolerated, TransitionPlan *plan, double *scratch)
+{
+    const double *const durations = data->curve_durations;
+    const size_t voltages = data->flat.voltages;
+    const size_t slot = extended->count - 1;
+    const double rounding = LIMIT_ROUNDING * largest_magnitude(voltages, tolerated);
+    const VoltageRange range = {.lowest = scratch, .highest = scratch + voltages};
+    double longest = fmax(durations[data->durations - 1], shortest);
+    for (size_t k = 0; k < slot; k++)
+        longest = fmax(longest, extended->durations[k]);
+    const double growth = durations[1] / durations[0];
+    for (double duration = fmax(shortest, durations[0]); duration <= longest * LONGEST_FACTOR; duration *= growth) {
+        extended->durations[slot] = duration;
+        find_extremes(data, extended, now, range, scratch + 2 * voltages);
+        plan->peak = largest_magnitude(voltages, range);
+        const Violation violation = furthest_beyond(voltages, range, tolerated);
+        if (violation.excess <= rounding) {
+            plan->duration = duration;
+            break;
+        }
+        plan->violation = violation;
+    }
 }
 
 TransitionPlan plan_transition(const FlatnessFeedforwardData *data, const Motion *motion, double now,
-                               const double *change, double shortest, double limit, double *scratch)
+                               const double *change, double shortest, VoltageRange limits, double *scratch)
 {
-    const double *const durations = data->curve_durations;
-    const double at_rest = peak_at_rest(data, motion, change);
-    TransitionPlan plan = {.peak = at_rest, .peak_at_rest = at_rest};
-    if (!(at_rest <= limit * (1 + 1e-9)))
+    const size_t voltages = data->flat.voltages;
+    const VoltageRange goal = {.lowest = scratch, .highest = scratch};
+    find_goal(data, motion, change, goal.lowest);
+    TransitionPlan plan = {.peak = largest_magnitude(voltages, goal),
+                           .violation = furthest_beyond(voltages, goal, limits)};
+    plan.at_rest = !(plan.violation.excess <= LIMIT_ROUNDING * largest_magnitude(voltages, limits));
+    if (plan.at_rest)
         return plan;
-    const double tolerated = larger(limit, present_peak(data, motion, now, scratch)) * (1 + 1e-9);
-
+    const VoltageRange tolerated = {.lowest = scratch, .highest = scratch + voltages};
+    tolerate_present(data, motion, now, limits, tolerated, scratch + 2 * voltages);
     const size_t slot = motion->count;
     Motion extended = *motion;
     extended.count++;
     extended.starts[slot] = now;
-    memcpy(extended.changes + slot * data->flat.voltages, change, data->flat.voltages * sizeof *change);
-    double longest = fmax(durations[data->durations - 1], shortest);
-    for (size_t k = 0; k < slot; k++)
-        longest = fmax(longest, extended.durations[k]);
-    const double growth = durations[1] / durations[0];
-    for (double duration = fmax(shortest, durations[0]); duration <= longest * LONGEST_FACTOR; duration *= growth) {
-        extended.durations[slot] = duration;
-        plan.peak = motion_peak(data, &extended, now, scratch);
-        if (plan.peak <= tolerated) {
-            plan.duration = duration;
-            break;
-        }
-    }
+    memcpy(extended.changes + slot * voltages, change, voltages * sizeof *change);
+    find_duration(data, &extended, now, shortest, tolerated, &plan, scratch + 2 * voltages);
     return plan;
 }
