@@ -14,11 +14,23 @@ if TYPE_CHECKING:
     from flexbeams.scenarios.api.exports import export
     from flexbeams.scenarios.api.identifications import identify
     from flexbeams.scenarios.api.runs import run
+    from flexbeams.scenarios.api.simulations import simulation
     from flexbeams.scenarios.api.units import build
 
     __version__: str
 
-__all__ = ["FlexbeamsError", "__version__", "build", "compare", "design", "export", "identify", "run", "structure"]
+__all__ = [
+    "FlexbeamsError",
+    "__version__",
+    "build",
+    "compare",
+    "design",
+    "export",
+    "identify",
+    "run",
+    "simulation",
+    "structure",
+]
 
 _MODULES = {
     "FlexbeamsError": "flexbeams.plant.errors",
@@ -28,6 +40,7 @@ _MODULES = {
     "export": "flexbeams.scenarios.api.exports",
     "identify": "flexbeams.scenarios.api.identifications",
     "run": "flexbeams.scenarios.api.runs",
+    "simulation": "flexbeams.scenarios.api.simulations",
     "structure": "flexbeams.scenarios.api.designs",
 }
 _ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
@@ -22,6 +23,7 @@ def run(
     coupling: Coupling | None = None,
     basis: BasisName | None = None,
     structure: str | Path | None = None,
+    design: Mapping[str, Any] | None = None,
     backend: Backend = "native",
     compiler: str = "zig",
     decimate: int = 1,
@@ -43,8 +45,8 @@ def run(
         Simulated time and communication step, s.
     coupling
         `jacobi` or `gauss-seidel`.
-    basis, structure
-        In place of the scenario's.
+    basis, structure, design
+        In place of the scenario's; `design` holds keys of its table [design], such as {"reduced_modes": 4}.
     backend, compiler, build_folder
         Kernel of the units, C compiler of native ones, and the folder where built units are kept: by default the
         user's cache, or that of the environment variable FLEXBEAMS_CACHE.
@@ -72,6 +74,7 @@ def run(
         coupling=coupling,
         basis=basis,
         structure=None if structure is None else str(structure),
+        design=dict(design or {}),
         stop_time=stop_time,
         step=step,
         overrides=dict(start or {}),

@@ -61,7 +61,7 @@ class Loop:
             for variable, value in {**self._starts.get(name, {}), **values}.items():
                 if variable in instance.variables:
                     instance.set_start(variable, value)
-        self._simulation.initialise(1e6)
+        self._simulation.initialise({}, 1e6)
 
     def advance(self, rows: Array, first: int = 0) -> float:
         """Seconds that the steps of these external rows take, nothing recorded."""

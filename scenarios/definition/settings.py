@@ -9,7 +9,7 @@ tables.
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.plant.validation import validate
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.declaration import (
     InstanceDeclaration,
@@ -48,6 +49,8 @@ class Settings:
     build_folder: Path = field(default_factory=cache_folder)  # where built units are kept, see fmus.packaging.cache
     units_row: bool = False  # units of measurement in the second row of results.csv
     record_animation: bool = True  # record the deflected beams for the animation
+    open_inputs: bool = False  # inputs that nothing drives are signals, which the caller sets
+    design: Mapping[str, Any] = field(default_factory=dict)  # keys of [design], in place of the scenario's
     kinds: tuple[UnitKind, ...] = ()  # of units that scenarios may name beside those of the catalogue
 
     def __post_init__(self) -> None:
@@ -65,7 +68,7 @@ class Settings:
             coupling=self.coupling or scenario.coupling,
             stop_time=self.stop_time or scenario.stop_time,
             step=self.step or scenario.step,
-            design=_on_basis(scenario.design, self.basis),
+            design=_on_basis(_with_options(scenario.design, self.design), self.basis),
         )
 
     def stop_time_source(self, source: str) -> str:
@@ -76,6 +79,19 @@ class Settings:
         """Settings of the run to compare with: start values of the instances that it has, no animation, unpaced."""
         overrides = {key: value for key, value in self.overrides.items() if key.partition(".")[0] in instances}
         return replace(self, overrides=overrides, record_animation=False, real_time_factor=None)
+
+
+def _with_options(options: DesignOptions, given: Mapping[str, Any]) -> DesignOptions:
+    """The options with keys of the table [design] in place of their own; InputError for one that breaks a rule."""
+    if not given:
+        return options
+    basis = given.get("basis", options.basis)
+    table = {**asdict(options if basis == options.basis else replace(options, order=None, output_weight=None)), **given}
+    if isinstance(weights := given.get("weights"), Mapping):
+        table["weights"] = {**asdict(options.weights), **weights}
+    if given.get("static_maps") not in (None, "basis", "segment"):
+        table["static_maps"] = str(Path(given["static_maps"]).absolute())
+    return validate(DesignOptions, table, "design")
 
 
 def _on_basis(options: DesignOptions, basis: BasisName | None) -> DesignOptions:

@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 
 _MAX_LENGTH = 80  # characters of a folder's suffix
-_DEFAULTS: dict[str, Any] = {"backend": "native", "compiler": "zig", "decimate": 1, "overrides": {}}
+_DEFAULTS: dict[str, Any] = {"backend": "native", "compiler": "zig", "decimate": 1, "design": {}, "overrides": {}}
 _NAMES = (
     "coupling",
     "basis",
@@ -20,6 +21,7 @@ _NAMES = (
     "compiler",
     "decimate",
     "real_time_factor",
+    "design",
     "overrides",
 )
 
@@ -33,7 +35,7 @@ def changed_settings(settings: Settings, scenario: Scenario | None = None) -> di
     for name in _NAMES:
         value = getattr(settings, name)
         if value not in (None, _DEFAULTS.get(name), own.get(name)):
-            changed["set" if name == "overrides" else name] = dict(value) if name == "overrides" else value
+            changed["set" if name == "overrides" else name] = dict(value) if isinstance(value, Mapping) else value
     return changed
 
 
@@ -41,7 +43,7 @@ def variant_suffix(changed: dict[str, Any]) -> str:
     """The end of the name of a folder of results that names these settings: "" or "-gauss-seidel-stop_time=2"."""
     parts = []
     for name, value in changed.items():
-        if name == "set":
+        if name in ("set", "design"):
             parts += [f"{key}={_text(v)}" for key, v in value.items()]
         elif name == "structure":
             parts.append(Path(value).stem)

@@ -31,36 +31,45 @@ def execute(
     Each instance has an extracted copy of its own: third-party units may keep state in global variables. Raises
     InputError for units that cannot be loaded or initialised; the failure of a later call is part of the recording.
     """
-    budget = budget or ExtractionBudget()
     with ExitStack() as stack:
-        folder = stack.enter_context(temporary_folder())
-        instances: dict[str, UnitInstance] = {}
-        settings = prepared.settings
-        native = settings.backend == "native"
-        library = stepper_library(settings.build_folder, settings.compiler) if native else None
-        for k, (name, file) in enumerate(files.items()):  # numbered folders: a package may have any names
-            instances[name] = _loaded(name, file, folder / f"unit{k}", prepared, observer, budget, library)
-            stack.callback(instances[name].close)
-        stepper = _stepper(instances, prepared)
+        instances = loaded_instances(prepared, files, observer, stack, budget or ExtractionBudget())
         simulation = CoSimulation(
-            instances, prepared.wiring, prepared.step, prepared.scenario.coupling, stepper, prepared.start_time
+            instances,
+            prepared.wiring,
+            prepared.step,
+            prepared.scenario.coupling,
+            chosen_stepper(instances, prepared),
+            prepared.start_time,
         )
         try:
-            for name, values in prepared.starts.items():
-                for variable, value in values.items():
-                    instances[name].set_start(variable, value)
-            simulation.initialise(prepared.scenario.stop_time, observer.notify)
+            simulation.initialise(prepared.starts, prepared.scenario.stop_time, observer.notify)
         except UnitFailure as failure:
             raise InputError("", str(failure), source=prepared.source) from None
         recording = simulation.run(
             prepared.steps, lambda done: observer.progress(done, prepared.steps), prepared.settings.decimate
         )
-    measure(recording, prepared.scenario.sensor, prepared.step * settings.decimate)
-    if settings.units_row:
+    measure(recording, prepared.scenario.sensor, prepared.step * prepared.settings.decimate)
+    if prepared.settings.units_row:
         recording.units = [prepared.unit_of(column) for column in recording.columns]
     if recording.ended:
         observer.notify(recording.ended)
     return recording
+
+
+def loaded_instances(
+    prepared: PreparedRun, files: Mapping[str, Path], observer: Observer, stack: ExitStack, budget: ExtractionBudget
+) -> dict[str, UnitInstance]:
+    """An instance of each FMU; `stack` closes them and removes their folder.
+
+    Raises InputError for units that cannot be loaded.
+    """
+    folder, settings = stack.enter_context(temporary_folder()), prepared.settings
+    library = stepper_library(settings.build_folder, settings.compiler) if settings.backend == "native" else None
+    instances: dict[str, UnitInstance] = {}
+    for k, (name, file) in enumerate(files.items()):  # numbered folders: a package may have any names
+        instances[name] = _loaded(name, file, folder / f"unit{k}", prepared, observer, budget, library)
+        stack.callback(instances[name].close)
+    return instances
 
 
 def _loaded(
@@ -90,7 +99,7 @@ def _description(folder: Path) -> Any:
         raise InputError("", " ".join(str(error).split()) or type(error).__name__) from None
 
 
-def _stepper(
+def chosen_stepper(
     instances: Mapping[str, UnitInstance], prepared: PreparedRun
 ) -> Callable[[Mapping[str, UnitInstance], SignalBus], Stepper] | None:
     """The loop in C where all units are native; None for the loop in Python."""

@@ -151,7 +151,7 @@ def prepare_wiring(
     step: float,
 ) -> Wiring:
     """The wiring of a run, with frames if its animation is recorded; no input that --set sets is driven."""
-    wiring = plan_wiring(scenario, declarations, source, starts, notify, step)
+    wiring = plan_wiring(scenario, declarations, source, starts, notify, step, settings.open_inputs)
     require_undriven(settings.overrides, wiring.driven())
     if settings.record_animation:
         wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))

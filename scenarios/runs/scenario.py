@@ -36,11 +36,26 @@ def run_prepared(prepared: PreparedScenario, observer: Observer = SILENT) -> Run
     """Runs a prepared scenario, after the open loop that it is compared with."""
     open_loop = None if prepared.open_loop is None else _run_open_loop(prepared.open_loop, observer)
     recording = execute(prepared, unit_files(prepared, observer.notify), observer)
+    return _finished(prepared, recording, open_loop, observer)
+
+
+def finished_run(prepared: PreparedScenario, recording: Recording, observer: Observer = SILENT) -> Run:
+    """The run of a prepared scenario that was recorded elsewhere, with the checks that the recording reaches.
+
+    The open loop that it is compared with runs now.
+    """
+    open_loop = None if prepared.open_loop is None else _run_open_loop(prepared.open_loop, observer)
+    return _finished(prepared, recording, open_loop, observer)
+
+
+def _finished(prepared: PreparedScenario, recording: Recording, open_loop: Recording | None, observer: Observer) -> Run:
     scenario, design, name = prepared.scenario, prepared.design, prepared.file.name
-    if recording.ended:
-        end = float(recording.time[-1])
+    begin, end = float(recording.time[0]), float(recording.time[-1])
+    if end < scenario.stop_time:
         shorter = replace(scenario, stop_time=end), replace(prepared.settings, stop_time=end)
         scenario = reachable_checks(*shorter, prepared.source, observer.notify)
+    if begin > prepared.start_time:
+        scenario = replace(scenario, check=[check for check in scenario.check if check.after >= begin])
     changed = changed_settings(prepared.settings, prepared.file.scenario)
     outcomes = Measurement(scenario, prepared.source, recording, open_loop).outcomes() if recording.complete else []
     return Run(

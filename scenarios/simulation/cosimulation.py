@@ -8,6 +8,7 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.choices import Coupling
+from flexbeams.scenarios.definition.values import TypedValue
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt
 from flexbeams.scenarios.simulation.failure import UnitEnded, UnitFailure
 from flexbeams.scenarios.simulation.frames import FrameRecorder
@@ -20,6 +21,8 @@ from flexbeams.scenarios.simulation.wiring import Wiring
 BLOCK = 500  # steps between updates of progress and external signals, fewer of slow units
 _FIRST_BLOCK = 4  # steps, doubled while a block is short
 _BLOCK_SECONDS = 0.5  # of a block that is long
+
+Starts = Mapping[str, Mapping[str, TypedValue]]  # start values by instance and variable
 
 
 class CoSimulation:
@@ -39,7 +42,7 @@ class CoSimulation:
         sources = {name: np.array([index for _, index in wiring.inputs[name]], dtype=np.int64) for name in instances}
         self._bus = SignalBus(
             signals=signals,
-            first_external=wiring.external[0][0].start if wiring.external else wiring.size,
+            external=wiring.changing,
             spans=wiring.spans,
             sources=sources,
             recorded=np.array(wiring.recorded, dtype=np.int64),
@@ -53,14 +56,18 @@ class CoSimulation:
         self._python_stepper = PythonStepper(instances, self._bus)
         self.stepper: Stepper = stepper(instances, self._bus) if stepper else self._python_stepper
 
-    def initialise(self, stop_time: float, notify: Callable[[str], None] = lambda text: None) -> None:
-        """Initialisation mode of all instances for a run of `stop_time` s; values follow the connections.
+    def initialise(self, starts: Starts, stop_time: float, notify: Callable[[str], None] = lambda text: None) -> None:
+        """Start values, then initialisation mode of all instances for a run of `stop_time` s; values follow the wires.
 
-        Loops are noted.
+        Loops are noted. Raises UnitFailure where a unit refuses a value.
         """
+        for name, values in starts.items():
+            for variable, value in values.items():
+                self._instances[name].set_start(variable, value)
         for instance in self._instances.values():
             instance.call("setupExperiment", None, self._bus.start_time, self._bus.start_time + stop_time)
             instance.call("enterInitializationMode")
+        self._hold(starts)
         self._drive(0)
         Initialisation(self._instances, self._wiring, self._bus.signals).exchange(notify)
         for instance in self._instances.values():
@@ -152,16 +159,26 @@ class CoSimulation:
         for name in names if jacobi else ():
             self._instances[name].read()
 
+    def _hold(self, starts: Starts) -> None:
+        """Writes the start values of held signals into the array."""
+        for span, signal in self._wiring.external:
+            if isinstance(signal, float):
+                self._bus.signals[span] = signal
+        for owner, inputs in self._wiring.inputs.items():
+            for name, index in inputs:
+                if index >= self._bus.external.stop and name in starts.get(owner, {}):
+                    self._bus.signals[index] = float(starts[owner][name])
+
     def _drive(self, number: int) -> None:
         """Writes the external signals of one step into the array."""
-        self._bus.signals[self._bus.first_external :] = self._external(number, 1)[0]
+        self._bus.signals[self._bus.external] = self._external(number, 1)[0]
 
     def _external(self, first: int, count: int) -> Array:
         """External signals of steps first ... first + count - 1, (count, all external elements)."""
         time = np.arange(first, first + count, dtype=np.float64) * self._step
-        offset = self._bus.first_external
-        rows = np.empty((count, self._wiring.size - offset))
+        external = self._bus.external
+        rows = np.empty((count, external.stop - external.start))
         for span, signal in self._wiring.external:
-            part = rows[:, span.start - offset : span.stop - offset]
-            part[:] = signal if isinstance(signal, float) else signal.sample(time)
+            if not isinstance(signal, float):
+                rows[:, span.start - external.start : span.stop - external.start] = signal.sample(time)
         return rows

@@ -121,6 +121,12 @@ class FrameRecorder:
         self._count += 1
         self.due += self._every
 
+    def rewind(self, number: int) -> None:
+        """Goes on at step `number`; frames of later steps are taken again."""
+        if self._layout is not None:
+            self._count = -(-number // self._every)
+            self.due = self._count * self._every
+
     def taken(self) -> Frames | None:
         """The frames so far."""
         if self._layout is None:

@@ -39,13 +39,19 @@ class Recording:
 
 def step_times(numbers: NDArray[np.int64], step: float) -> Array:
     """numbers * step, s, rounded to the decimals of the step: 3 * 2e-4 is 0.0006, not 0.0006000000000000001."""
-    decimals = -int(Decimal(repr(float(step))).as_tuple().exponent)
-    scale = 10 ** max(decimals, 0)
-    ticks = numbers * round(step * scale)
-    if decimals > 15 or np.max(np.abs(ticks), initial=0) > 2**53:
+    per_step, scale = decimal_ticks(step)
+    ticks = numbers * per_step
+    if scale > 10**15 or np.max(np.abs(ticks), initial=0) > 2**53:
         return np.asarray(numbers * step, dtype=np.float64)
     exact: Array = ticks / scale
     return exact
+
+
+def decimal_ticks(step: float) -> tuple[int, int]:
+    """Whole numbers whose ratio is the step: 2 and 10000 for 2e-4."""
+    decimals = -int(Decimal(repr(float(step))).as_tuple().exponent)
+    scale = 10 ** max(decimals, 0)
+    return round(step * scale), scale
 
 
 class Rows:
@@ -62,6 +68,12 @@ class Rows:
     def take(self, done: int) -> None:
         """The signals as they are after `done` steps."""
         np.take(self._signals, self._recorded, out=self.values[self.count(done) - 1])
+
+    def copy(self, done: int) -> "Rows":
+        """Rows of their own, of the first `done` steps."""
+        copied = Rows(self._signals, self._recorded, 0, self.decimate)
+        copied.values = self.values[: self.count(done)].copy()
+        return copied
 
     def recording(
         self,

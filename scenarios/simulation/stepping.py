@@ -1,6 +1,6 @@
 """Stepping of connected instances in blocks of steps, and the loop in Python, for units of any kind."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,16 +14,19 @@ from flexbeams.scenarios.simulation.instance import UnitInstance
 
 @dataclass(frozen=True, kw_only=True)
 class SignalBus:
-    """The array of all signals during a run, outputs by instance first, external ones last, and its use."""
+    """The array of all signals during a run: outputs by instance, external ones, held ones; and its use."""
 
     signals: Array  # (n,)
-    first_external: int
+    external: slice  # signals that change from step to step
     spans: Mapping[str, slice]  # for each instance, its outputs
     sources: Mapping[str, NDArray[np.int64]]  # for each instance, the indices of its inputs' sources
     recorded: NDArray[np.int64]  # indices of a recorded row
     coupling: Coupling
     step: float  # s
     start_time: float = 0.0  # s, of step 0
+
+
+Move = Callable[[int, int, int], int]
 
 
 class Stepper(Protocol):
@@ -37,7 +40,19 @@ class Stepper(Protocol):
         """
         ...
 
-    done: int  # number of the current or next step
+    def bound(self, external: Array, every: int, rows: Array) -> Move:
+        """`advance` for arrays that stay: a function of the first number, its row of `external`, and the count."""
+        ...
+
+    @property
+    def done(self) -> int:
+        """Number of the present or next step."""
+        ...
+
+    def begin(self, number: int) -> None:
+        """Makes `number` the next step."""
+        ...
+
     lateness: Array | None  # s, how late each step of a paced run began
 
 
@@ -45,21 +60,34 @@ class PythonStepper:
     """The loop in Python, through FMPy."""
 
     def __init__(self, instances: Mapping[str, UnitInstance], bus: SignalBus) -> None:
-        self._instances, self._bus, self.done = instances, bus, 0
+        self._instances, self._bus, self._done = instances, bus, 0
         self.lateness: Array | None = None
 
     def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
         """See Stepper.advance."""
         bus = self._bus
         move = self._jacobi if bus.coupling == "jacobi" else self._gauss_seidel
-        driven = bus.signals[bus.first_external :]
-        self.done = first
+        driven = bus.signals[bus.external]
+        self._done = first
         for row in external:
             driven[:] = row
-            bus.signals.take(bus.recorded, out=rows[-(-self.done // every)], mode="clip")
-            move(bus.start_time + self.done * bus.step)
-            self.done += 1
+            bus.signals.take(bus.recorded, out=rows[-(-self._done // every)], mode="clip")
+            move(bus.start_time + self._done * bus.step)
+            self._done += 1
         return len(external)
+
+    @property
+    def done(self) -> int:
+        """See Stepper.done."""
+        return self._done
+
+    def begin(self, number: int) -> None:
+        """See Stepper.begin."""
+        self._done = number
+
+    def bound(self, external: Array, every: int, rows: Array) -> Move:
+        """See Stepper.bound."""
+        return lambda first, row, count: self.advance(first, external[row : row + count], every, rows)
 
     def exchange(self, name: str) -> None:
         """Sets the inputs of an instance to the present values."""

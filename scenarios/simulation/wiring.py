@@ -16,7 +16,7 @@ from flexbeams.scenarios.simulation.frames import FrameLayout
 
 @dataclass(kw_only=True)
 class Wiring:
-    """Indices in the array of signals: outputs by instance first, then external signals."""
+    """Indices in the array of signals: outputs by instance, then external signals, held ones last."""
 
     size: int
     sources: dict[str, int]  # index of each <instance>.<output>
@@ -29,6 +29,13 @@ class Wiring:
     frames: FrameLayout | None = None
     conversions: dict[str, dict[str, Conversion]] = field(default_factory=dict)  # of inputs, by instance
     converted_columns: dict[int, Conversion] = field(default_factory=dict)  # by number of the column
+
+    @property
+    def changing(self) -> slice:
+        """External signals that are functions of time; constants follow them, and outputs precede."""
+        spans = [span for span, signal in self.external if not isinstance(signal, float)]
+        first = self.external[0][0].start if self.external else self.size
+        return slice(first, spans[-1].stop if spans else first)
 
     def links(self) -> dict[str, str]:
         """<instance>.<output> by the <instance>.<input> that takes its value, in the order of the inputs."""
@@ -54,15 +61,16 @@ def plan_wiring(
     starts: Mapping[str, Mapping[str, TypedValue]],
     notify: Callable[[str], None] = lambda text: None,
     step: float | None = None,
+    open_inputs: bool = False,
 ) -> Wiring:
     """The wiring of a scenario, with every connection, input and record entry resolved.
 
-    Recorded inputs that nothing drives hold their start value: that of `starts`, or the unit's own. Conversions of
-    units of measurement are noted. Signals are sampled at steps of `step` s.
+    Recorded inputs that nothing drives, with `open_inputs` all that nothing drives, hold their start value: that of
+    `starts`, or the unit's own. Conversions of units of measurement are noted. Signals are sampled each `step` s.
 
     Raises InputError with file (`source`), key and value.
     """
-    return _Builder(scenario, declarations, source, starts, notify, step or scenario.step).build()
+    return _Builder(scenario, declarations, source, starts, notify, step or scenario.step).build(open_inputs)
 
 
 class _Builder:
@@ -87,12 +95,12 @@ class _Builder:
             for name in names
         }
 
-    def build(self) -> Wiring:
+    def build(self, open_inputs: bool) -> Wiring:
         for name in self._declarations:
             self._add_outputs(name)
         self._connect()
         self._drive()
-        self._add_undriven_inputs()
+        self._add_undriven_inputs(open_inputs)
         for name, declaration in self._declarations.items():  # in the order of the unit, which takes a type in one call
             indices = dict(self._wiring.inputs[name])
             written = sorted((v for v in declaration.variables.values() if v.name in indices), key=access_order)
@@ -194,12 +202,12 @@ class _Builder:
             self._require_undriven(f"{key}.to", owner, names)
             self._add_external(owner, names, signal)
 
-    def _add_undriven_inputs(self) -> None:
-        """Inputs that nothing drives and that are recorded: of kinds that record them, or as the scenario adds."""
+    def _add_undriven_inputs(self, every: bool) -> None:
+        """Inputs that nothing drives: all, or those of kinds that record them and those that the scenario adds."""
         for owner, declaration in self._declarations.items():
             driven = {name for name, _ in self._wiring.inputs[owner]}
             for v in declaration.variables.values():
-                recorded = _records_inputs(declaration) or f"{owner}.{v.name}" in self._extra
+                recorded = every or _records_inputs(declaration) or f"{owner}.{v.name}" in self._extra
                 if v.causality == "input" and v.type != "String" and v.name not in driven and recorded:
                     start = self._starts.get(owner, {}).get(v.name)
                     self._add_external(owner, [v.name], own_start(v) if start is None else float(start))

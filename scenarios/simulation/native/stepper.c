@@ -156,7 +156,7 @@ static int gauss_seidel(CoupledRun *run, double time)
 size_t run_block(CoupledRun *run, int64_t first, size_t count, const double *external, int64_t every, double *rows,
                  const Pace *pace)
 {
-    const size_t n_external = run->n_signals - (size_t)run->first_external;
+    const size_t n_external = run->n_external;
     for (size_t k = 0; k < count; k++) {
         const int64_t number = first + (int64_t)k;
         if (n_external > 0)
@@ -168,19 +168,20 @@ size_t run_block(CoupledRun *run, int64_t first, size_t count, const double *ext
             sleep_until(due);
             pace->lateness[k] = pace_clock() - due;
         }
+        run->done = number;
         const double time = run->start_time + (double)number * run->step;
         if (run->gauss_seidel ? gauss_seidel(run, time) : jacobi(run, time))
             return k;
+        run->done = number + 1;
     }
     return count;
 }
 
 size_t time_block(CoupledRun *run, int64_t first, size_t count, const double *external, double *seconds)
 {
-    const size_t n_external = run->n_signals - (size_t)run->first_external;
     for (size_t k = 0; k < count; k++) {
         const double begin = pace_clock();
-        if (run_block(run, first + (int64_t)k, 1, external + k * n_external, 1, seconds, NULL) < 1)
+        if (run_block(run, first + (int64_t)k, 1, external + k * run->n_external, 1, seconds, NULL) < 1)
             return k;
         seconds[k] = pace_clock() - begin;
     }

@@ -67,7 +67,7 @@ typedef struct {
     int64_t first_output; /* first signal: Real outputs, then Integer, then Boolean ones */
 } SteppedUnit;
 
-/* A run: signals are all outputs by instance, then the external ones. */
+/* A run: signals are all outputs by instance, then the external ones, then those that the caller holds. */
 typedef struct {
     SteppedUnit *units;
     size_t n_units;
@@ -75,11 +75,12 @@ typedef struct {
     double step;       /* s */
     double start_time; /* s, of step 0 */
     double *signals;
-    size_t n_signals;
     int64_t first_external;
+    size_t n_external;          /* signals that change from step to step */
     const SignalSpan *recorded; /* signals of a row, in their order */
     size_t n_spans;
     size_t n_recorded; /* values of a row */
+    int64_t done;      /* number of the present or next step */
     /* how a run ended */
     int64_t failed_unit;
     int failed_function; /* 0 set, 1 step, 2 get */
@@ -93,7 +94,7 @@ typedef struct {
     double *lateness;
 } Pace;
 
-/* Steps `count` times from step number `first`, each with its row of `external` (count, n_signals - first_external).
+/* Steps `count` times from step number `first`, each with its row of `external` (count, n_external).
  * Before each step the recorded signals go to row ceil(number / every) of `rows`: rows hold every `every`-th step,
  * and the last one holds the newest values until then. Returns the steps done. */
 EXPORTED size_t run_block(CoupledRun *run, int64_t first, size_t count, const double *external, int64_t every,

@@ -1,0 +1,226 @@
+"""Simulations that the caller steps: the same results as a run, own inputs, snapshots, new parameters."""
+
+import multiprocessing
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexbeams as fb
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.runs.scenario import run_scenario
+from flexbeams.scenarios.runs.simulation import Simulation
+from tests.helpers import PUSHED_SCENARIO, Write
+from tests.native.workshop import needs_zig
+
+STOP = 0.2  # s
+
+
+@pytest.fixture
+def scenario(write_scenario: Write) -> str:
+    return str(write_scenario("pushed", PUSHED_SCENARIO.format(stop=STOP)))
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_zig), "python"])
+def sim(request: pytest.FixtureRequest, scenario: str) -> Iterator[Simulation]:
+    with fb.simulation(scenario, backend=request.param) as simulation:
+        yield simulation
+
+
+def recorded(scenario: str, **settings: Any) -> Any:
+    return run_scenario(scenario, Settings(record_animation=False, **settings)).recording
+
+
+def law(strain: Any) -> Any:
+    return -2e4 * strain[:1]
+
+
+@pytest.mark.native
+@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
+def test_steps_add_up_to_the_run(scenario: str, coupling: Any) -> None:
+    """In steps of any number, across blocks, with frames: the rows and the times of a run, bit for bit."""
+    expected = recorded(scenario, coupling=coupling, decimate=7)
+    with fb.simulation(scenario, coupling=coupling, decimate=7) as sim:
+        for count in (1, 3, 600, 0, 17):
+            sim.step(count)
+        sim.step(until=STOP)
+        assert (sim.time, sim.steps) == (STOP, 1000)
+        found = sim.result().recording
+    np.testing.assert_array_equal(found.values, expected.values)
+    np.testing.assert_array_equal(found.time, expected.time)
+    assert found.columns == expected.columns
+
+
+def test_results_of_both_kernels_at_any_time(sim: Simulation, scenario: str) -> None:
+    expected = recorded(scenario, backend=sim.prepared.settings.backend)
+    sim.step(400)
+    first = sim.result().recording
+    np.testing.assert_array_equal(first.values, expected.values[:401])
+    sim.step(600)
+    np.testing.assert_array_equal(sim.result().recording.values, expected.values)
+    np.testing.assert_array_equal(first.values, expected.values[:401])
+
+
+def test_snapshot_restores_the_course(sim: Simulation, scenario: str) -> None:
+    """The rows of the past stay, those of the other future go; the bytes serve a new simulation."""
+    expected = recorded(scenario, backend=sim.prepared.settings.backend).values
+    sim.step(300)
+    state = sim.snapshot()
+    sim["controller.voltage_limit"] = 1.0
+    sim.step(200)
+    assert not np.array_equal(sim.result().recording.values, expected[:501])
+    sim.restore(state)
+    assert sim["controller.voltage_limit"] == 1000.0
+    sim.step(until=STOP)
+    np.testing.assert_array_equal(sim.result().recording.values, expected)
+    with fb.simulation(scenario, backend=sim.prepared.settings.backend) as other:
+        other.restore(bytes(state))
+        other.step(until=STOP)
+        found = other.result().recording
+    np.testing.assert_array_equal(found.values, expected[300:])
+    assert found.time[0] == 0.06
+
+
+def _continued(arguments: tuple[str, bytes]) -> Any:
+    scenario, state = arguments
+    with fb.simulation(scenario) as sim:
+        sim.restore(state)
+        sim.step(until=STOP)
+        return sim["plant.y_pi"]
+
+
+@pytest.mark.native
+def test_snapshot_serves_another_process(scenario: str) -> None:
+    with fb.simulation(scenario) as sim:
+        sim.step(500)
+        state = bytes(sim.snapshot())
+        sim.step(until=STOP)
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            (found,) = pool.map(_continued, [(scenario, state)])
+        np.testing.assert_array_equal(found, sim["plant.y_pi"])
+
+
+@pytest.mark.native
+def test_reset_is_a_new_simulation_with_other_values(scenario: str) -> None:
+    start = {"plant.beam[].tip_mass": 0.03, "feedforward.transition_time": 0.1, "plant.strain_noise_std": 1e-6}
+    expected = recorded(scenario, overrides={**start, "plant.noise_seed": 5})
+    plain = recorded(scenario)
+    with fb.simulation(scenario) as sim:
+        sim.step(100)
+        sim.reset(start, seed=5)
+        assert sim.time == 0.0
+        sim.step(until=STOP)
+        np.testing.assert_array_equal(sim.result().recording.values, expected.values)
+        sim.reset()
+        sim.step(until=STOP)
+        np.testing.assert_array_equal(sim.result().recording.values, plain.values)
+
+
+@pytest.mark.native
+def test_a_law_in_python_takes_the_place_of_an_instance(scenario: str) -> None:
+    """Voltages that the plant gets from a law are those of a run that is driven by their record."""
+    with fb.simulation(scenario, without=["controller"], start={"plant.u": 3.0}) as sim:
+        assert sim.inputs == ("plant.u", "plant.force")[:1]
+        assert sim["plant.u"] == 3.0
+        while sim.time < STOP:
+            sim["plant.u"] = sim["feedforward.u_ff"] + law(sim["plant.y_pm"])
+            sim.step()
+        run = sim.result()
+    columns = run.recording.columns
+    u, y_pm = (run.recording.values[:, columns.index(name)] for name in ("plant.u[1]", "plant.y_pm[1]"))
+    u_ff = run.recording.values[:, columns.index("feedforward.u_ff[1]")]
+    np.testing.assert_allclose(u[:-1], (u_ff - 2e4 * y_pm)[:-1], rtol=1e-12, atol=1e-12)
+    assert np.ptp(u) > 1.0
+
+
+@pytest.mark.native
+def test_an_input_without_its_signal_is_open(scenario: str) -> None:
+    with fb.simulation(scenario, without=["feedforward.y_target"]) as sim:
+        assert sim.inputs == ("feedforward.y_target",)
+        sim.step(50)
+        assert not sim["feedforward.moving"]
+        sim["feedforward.y_target"] = [1e-3]
+        sim.step()
+        assert sim["feedforward.moving"] == 1.0
+        assert sim["feedforward.y_target[1]"] == 1e-3
+
+
+@pytest.mark.native
+def test_without_recording_the_present_is_there(scenario: str) -> None:
+    with fb.simulation(scenario, record=False) as sim:
+        sim.step(until=STOP)
+        recording = sim.result().recording
+    assert recording.time.tolist() == [0.0, STOP]
+    np.testing.assert_array_equal(recording.values[-1], recorded(scenario).values[-1])
+
+
+@pytest.mark.native
+def test_refusals_leave_the_simulation_as_it_was(scenario: str) -> None:
+    expected = recorded(scenario).values
+    with fb.simulation(scenario, without=["feedforward.y_target"]) as sim:
+        sim.step(50)
+        state = bytes(sim.snapshot())
+        for call, message in (
+            (
+                lambda: sim["plant.y_pii"],
+                "plant.y_pii is not a variable of this simulation; did you mean 'plant.y_pi'?",
+            ),
+            (lambda: sim.__setitem__("plant.v", 0.0), "plant.v is not a variable"),
+            (lambda: sim.__setitem__("plant.u[1]", 0.0), "plant.u[1] is neither an open input (feedforward.y_target)"),
+            (lambda: sim.__setitem__("feedforward.y_target", [1.0, 2.0]), "must have 1 numbers, got [1.0, 2.0]"),
+            (lambda: sim.__setitem__("controller.integral_gain", -1.0), "controller.integral_gain must be from 0"),
+            (lambda: sim.step(-1), "step must be >= 0, got -1"),
+            (lambda: sim.step(until=1.0), "step must end by the stop time, 0.2 s; see stop_time, got 1"),
+            (lambda: sim.reset({"plant.mass": 1.0}), "--set plant.mass is not a variable"),
+            (lambda: sim.restore(state[:-1]), "snapshot must be the unchanged bytes of a snapshot"),
+            (lambda: sim.restore(b""), "snapshot must be the unchanged bytes of a snapshot"),
+        ):
+            with pytest.raises(fb.FlexbeamsError) as caught:
+                call()  # type: ignore[no-untyped-call]
+            assert message in str(caught.value)
+            assert sim.steps == 50
+        sim["feedforward.y_target"] = 1e3
+        with pytest.raises(
+            fb.FlexbeamsError, match=r"feedforward failed at 0.01 s in fmi2Set...: y_target\[1\] must be"
+        ):
+            sim.step()
+        sim["feedforward.y_target"] = 1e-3
+        sim.step(until=STOP)
+        np.testing.assert_array_equal(sim.result().recording.values, expected)
+
+
+@pytest.mark.native
+def test_snapshots_of_other_simulations_are_refused(scenario: str) -> None:
+    with fb.simulation(scenario) as sim, fb.simulation(scenario, without=["controller"]) as other:
+        sim.step(10)
+        with pytest.raises(
+            fb.FlexbeamsError, match="snapshot must be of a simulation of feedforward, controller, plant"
+        ):
+            sim.restore(bytes(other.snapshot()))
+        sim.step(10)
+        assert sim.steps == 20
+    with fb.simulation(scenario, step=1e-3) as sim:
+        with pytest.raises(fb.FlexbeamsError, match=r"snapshot must be of steps of 0\.001 s, by the stop time"):
+            sim.restore(bytes(other_snapshot(scenario)))
+        sim.step()
+
+
+def other_snapshot(scenario: str) -> Any:
+    with fb.simulation(scenario) as sim:
+        return sim.snapshot()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"without": ["controler"]}, "without is neither an instance nor a driven input; did you mean 'controller'?"),
+        ({"without": ["feedforward", "controller", "plant"]}, "without must leave an instance"),
+        ({"design": {"reduced_mode": 4}}, "design: reduced_mode is not a known key; did you mean 'reduced_modes'?"),
+        ({"start": {"plant.mass": 1.0}}, "--set plant.mass is not a variable"),
+    ],
+)
+def test_mistakes(scenario: str, options: Any, message: str) -> None:
+    with pytest.raises(fb.FlexbeamsError) as caught:
+        fb.simulation(scenario, **options)
+    assert message in str(caught.value)
