@@ -10,8 +10,8 @@ from flexbeams.scenarios.definition.schema import Scenario
 def without_parts(scenario: Scenario, names: Sequence[str], source: str) -> Scenario:
     """The scenario without instances of these names, and without what drives inputs of these names.
 
-    Wires, signals, sensors, checks, figure rows and recorded signals of a left-out instance go with it. Raises InputError for a
-    name that is neither an instance nor an input that the scenario drives.
+    Wires, signals, sensors, checks, figure rows and recorded signals of a left-out instance go with it. Raises
+    InputError for a name that is neither an instance nor an input that the scenario drives.
     """
     ends = [*(wire.to for wire in scenario.connection), *(drive.to for drive in scenario.input)]
     for name in names:
