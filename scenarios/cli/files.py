@@ -8,14 +8,14 @@ import click
 
 from flexbeams.scenarios.cli.options import say
 
-KINDS = click.Choice(["structure", "scenario"])
+KINDS = click.Choice(["structure", "scenario", "study"])
 
 
 @click.command()
 @click.argument("kind", type=KINDS)
 @click.option("--page", is_flag=True, help="A page with every key instead (Markdown).")
 def schema(kind: str, page: bool) -> None:
-    """Print the JSON Schema of structure or scenario files, for editors and other programs."""
+    """Print the JSON Schema of structure, scenario or study files, for editors and other programs."""
     from flexbeams.scenarios.definition.schemas import json_schema, key_page
 
     click.echo(key_page(kind) if page else json.dumps(json_schema(kind), indent=2))
@@ -44,31 +44,34 @@ def new(kind: str, name: str) -> None:
 @click.command()
 @click.argument("name")
 def show(name: str) -> None:
-    """Print the file of a shipped scenario or structure."""
+    """Print the file of a shipped scenario, study or structure."""
     from flexbeams.plant.errors import InputError, suggestion
     from flexbeams.scenarios.definition.scenario_file import scenario_files, structure_files
+    from flexbeams.scenarios.definition.study_file import study_files
 
     shipped = {**{f"structure/{k}": path for k, path in structure_files().items()}, **structure_files()}
-    shipped |= scenario_files()
+    shipped |= {**study_files(), **scenario_files()}
     if name not in shipped:
-        raise InputError("NAME", "is not a shipped scenario or structure" + suggestion(name, shipped), name)
+        raise InputError("NAME", "is not a shipped scenario, study or structure" + suggestion(name, shipped), name)
     click.echo(shipped[name].read_text(encoding="utf-8"), nl=False)
 
 
 @click.command(name="list")
 def list_files() -> None:
-    """The scenarios and structures that ship, one line each."""
+    """The scenarios, studies and structures that ship, one line each."""
     from flexbeams.scenarios.definition.scenario_file import (
         first_comment,
         load_scenario,
         scenario_files,
         structure_files,
     )
+    from flexbeams.scenarios.definition.study_file import study_files
 
-    scenarios, structures = scenario_files(), structure_files()
-    width = max(map(len, [*scenarios, *structures]))
+    scenarios, studies, structures = scenario_files(), study_files(), structure_files()
+    width = max(map(len, [*scenarios, *studies, *structures]))
     for name in scenarios:
         say(f"{name:{width}}  {load_scenario(name).description}")
-    click.echo("\nStructures:")
-    for name, path in structures.items():
-        say(f"{name:{width}}  {first_comment(path.read_text(encoding='utf-8')).partition('. ')[0].rstrip('.')}.")
+    for heading, files in (("Studies", studies), ("Structures", structures)):
+        click.echo(f"\n{heading}:")
+        for name, path in files.items():
+            say(f"{name:{width}}  {first_comment(path.read_text(encoding='utf-8')).partition('. ')[0].rstrip('.')}.")

@@ -19,6 +19,7 @@ from flexbeams.scenarios.cli.export import export
 from flexbeams.scenarios.cli.files import list_files, new, schema, show
 from flexbeams.scenarios.cli.identify import identify
 from flexbeams.scenarios.cli.run import run
+from flexbeams.scenarios.cli.study import study
 from flexbeams.scenarios.cli.tune import tune
 from flexbeams.scenarios.cli.validate import validate
 from flexbeams.scenarios.processes.interrupt import termination_as_interrupt
@@ -34,7 +35,23 @@ def commands() -> None:
     """
 
 
-verbs = (run, compare, export, bench, design, tune, build, list_files, show, new, schema, validate, identify, cache)
+verbs = (
+    run,
+    study,
+    compare,
+    export,
+    bench,
+    design,
+    tune,
+    build,
+    list_files,
+    show,
+    new,
+    schema,
+    validate,
+    identify,
+    cache,
+)
 for verb in verbs:
     commands.add_command(verb)
 

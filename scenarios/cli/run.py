@@ -217,7 +217,8 @@ def _run_all(
         if extracted.package.tool != "flexbeams":
             display.note(f"{extracted.file} was not written by flexbeams; its units run in a process of their own")
     if len(planned) > 1 or packages:
-        from flexbeams.scenarios.runs.parallel import run_parallel, usable_cores
+        from flexbeams.scenarios.processes.pools import usable_cores
+        from flexbeams.scenarios.runs.parallel import run_parallel
 
         workers = min(jobs or usable_cores(), len(planned))
         return run_parallel(planned, workers, display, patience if packages else None)

@@ -25,6 +25,8 @@ EXPORT_OPTIONS: dict[str, tuple[ExportFormat, ...]] = {  # options of single for
     "flags_as_real": ("ssp", "ospsystem", "closed-loop", "wiring"),
 }
 WIRING_TOOLS = ("veos", "simulink", "dymola", "mastersim", "te1420")
+Method = Literal["lhs", "sobol", "saltelli", "grid"]
+METHODS: tuple[Method, ...] = get_args(Method)
 SspVersion = Literal["1.0", "2.0"]
 SSP_VERSIONS: tuple[SspVersion, ...] = get_args(SspVersion)
 
@@ -35,6 +37,7 @@ __all__ = [
     "EXPORT_OPTIONS",
     "EXPORT_SUFFIXES",
     "FORMATS",
+    "METHODS",
     "SSP_VERSIONS",
     "WIRING_TOOLS",
     "Backend",
@@ -42,5 +45,6 @@ __all__ = [
     "Coupling",
     "ExportFormat",
     "Format",
+    "Method",
     "SspVersion",
 ]

@@ -8,8 +8,9 @@ from pydantic import TypeAdapter
 from flexbeams.plant.structure import Structure
 from flexbeams.scenarios.definition.key_texts import KEYS
 from flexbeams.scenarios.definition.schema import Scenario
+from flexbeams.scenarios.definition.study import Study
 
-FILES: dict[str, type] = {"structure": Structure, "scenario": Scenario}
+FILES: dict[str, type] = {"structure": Structure, "scenario": Scenario, "study": Study}
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 

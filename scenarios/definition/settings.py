@@ -157,6 +157,20 @@ def _assigned(where: str, key: str, value: Any, variables: Mapping[str, Any], so
 
 def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], source: str) -> list[tuple[str, Any]]:
     """Scalars with their values, for a scalar, an array (by its name) or a family (a name with [])."""
+    settable = chosen_variables(where, key, variables, source)
+    if isinstance(value, str) and "," in value and (key not in variables or "[]" in key):
+        value = [part.strip() for part in value.removeprefix("[").removesuffix("]").split(",")]
+    listed = value if isinstance(value, list) else [value] * len(settable)
+    if len(listed) != len(settable):
+        raise InputError(where, f"must have {len(settable)} values", value, source=source)
+    return list(zip(settable, listed, strict=True))
+
+
+def chosen_variables(where: str, key: str, variables: Mapping[str, Any], source: str) -> list[str]:
+    """The settable scalars that a scalar's name, an array's name or a family (a name with []) stands for.
+
+    Raises InputError where there are none.
+    """
     if "[]" in key:
         head, tail = key.split("[]", 1)
         names = by_index(n for n in variables if n.startswith(f"{head}[") and n.endswith(f"]{tail}"))
@@ -171,12 +185,7 @@ def _pairs(where: str, key: str, value: Any, variables: Mapping[str, Any], sourc
         ]  # arrays and families, not each of their elements
         rule = "is not settable" if names else _why_unknown(key, variables) + suggestion(key, known)
         raise InputError(where, rule, key, source=source)
-    if isinstance(value, str) and "," in value and (key not in variables or "[]" in key):
-        value = [part.strip() for part in value.removeprefix("[").removesuffix("]").split(",")]
-    listed = value if isinstance(value, list) else [value] * len(settable)
-    if len(listed) != len(settable):
-        raise InputError(where, f"must have {len(settable)} values", value, source=source)
-    return list(zip(settable, listed, strict=True))
+    return settable
 
 
 _GEOMETRY = re.compile(

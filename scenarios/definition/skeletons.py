@@ -1,4 +1,4 @@
-"""Commented files to begin with: a structure and a scenario that run as they are."""
+"""Commented files to begin with: a structure, a scenario and a study that run as they are."""
 
 STRUCTURE = """# {name}: one beam with one pair of patches and two strain gauges.
 # All values in SI units; `flexbeams schema structure --page` explains every key.
@@ -97,4 +97,49 @@ file = "motion"
 rows = [["feedforward.y_ref", "plant.y_pi"], ["plant.u"]]
 """
 
-SKELETONS = {"structure": STRUCTURE, "scenario": SCENARIO}
+STUDY = """# {name}: how far the tip mass and the stiffness may be off.
+# Values in SI units; `flexbeams schema study --page` explains every key.
+title = "{name}"
+scenario = "single_beam"      # a shipped name, or a file: mine.toml
+method = "lhs"                # or sobol, saltelli (for Sobol indices), grid
+runs = 64
+seed = 1                      # equal seeds give equal results
+stop_time = 3.0               # s
+# start."plant.strain_noise_std" = 1e-7    # in every run
+
+[[parameter]]
+name = "plant.beam[].tip_mass"
+range = [0.9, 1.1]
+relative = true               # factors on the scenario's own value
+
+[[parameter]]
+name = "plant.beam[].youngs_modulus"
+distribution = "truncnorm"    # any of scipy.stats within the variable's bounds
+arguments = {{ a = -3.0, b = 3.0, loc = 1.0, scale = 0.03 }}
+relative = true
+group = "stiffness"           # one input of the sensitivity
+
+# [[parameter]]
+# name = "design.weights.lqr_input"        # each value a controller of its own
+# values = [5e-3, 1e-2, 2e-2]
+
+[[measure]]                   # as a scenario's checks; limits only mark runs
+name = "error at the end"
+measure = "end_deviation"
+of = "plant.y_pi"
+reference = "target"
+unit = "m"
+max = 2e-4
+
+[[measure]]
+name = "largest voltage"
+measure = "largest"
+of = "controller.u"
+unit = "V"
+
+# [signals]                   # kept of each run
+# record = ["plant.y_pi"]
+# interval = 1e-2             # s
+"""
+
+SKELETONS = {"structure": STRUCTURE, "scenario": SCENARIO, "study": STUDY}

@@ -57,14 +57,21 @@ def execute(
 
 
 def loaded_instances(
-    prepared: PreparedRun, files: Mapping[str, Path], observer: Observer, stack: ExitStack, budget: ExtractionBudget
+    prepared: PreparedRun,
+    files: Mapping[str, Path],
+    observer: Observer,
+    stack: ExitStack,
+    budget: ExtractionBudget,
+    library: Path | None = None,
 ) -> dict[str, UnitInstance]:
     """An instance of each FMU; `stack` closes them and removes their folder.
 
-    Raises InputError for units that cannot be loaded.
+    `library` is the stepping loop of native units, by default that of the cache. Raises InputError for units that
+    cannot be loaded.
     """
     folder, settings = stack.enter_context(temporary_folder()), prepared.settings
-    library = stepper_library(settings.build_folder, settings.compiler) if settings.backend == "native" else None
+    if library is None and settings.backend == "native":
+        library = stepper_library(settings.build_folder, settings.compiler)
     instances: dict[str, UnitInstance] = {}
     for k, (name, file) in enumerate(files.items()):  # numbered folders: a package may have any names
         instances[name] = _loaded(name, file, folder / f"unit{k}", prepared, observer, budget, library)
@@ -100,7 +107,7 @@ def _description(folder: Path) -> Any:
 
 
 def chosen_stepper(
-    instances: Mapping[str, UnitInstance], prepared: PreparedRun
+    instances: Mapping[str, UnitInstance], prepared: PreparedRun, library: Path | None = None
 ) -> Callable[[Mapping[str, UnitInstance], SignalBus], Stepper] | None:
     """The loop in C where all units are native; None for the loop in Python."""
     settings = prepared.settings
@@ -108,6 +115,6 @@ def chosen_stepper(
         if settings.real_time_factor is not None:
             raise InputError("--real-time", "needs native units")
         return None
-    library = stepper_library(settings.build_folder, settings.compiler)
+    library = library or stepper_library(settings.build_folder, settings.compiler)
     pace = None if settings.real_time_factor is None else 1 / settings.real_time_factor
     return lambda connected, bus: NativeStepper(connected, bus, library, pace, prepared.steps)

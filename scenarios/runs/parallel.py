@@ -1,16 +1,11 @@
 """Several jobs in parallel processes, with one display."""
 
 import multiprocessing
-import multiprocessing.connection
-import os
 import queue
-import signal
-import threading
 import time as clock
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from collections.abc import Sequence
+from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from functools import partial
 from multiprocessing.process import BaseProcess
 from multiprocessing.queues import Queue
@@ -19,7 +14,8 @@ from multiprocessing.synchronize import Event
 from flexbeams.controller.design import Design
 from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.scenarios.processes.guarded import end_of
-from flexbeams.scenarios.processes.interrupt import deferred_interrupt, ignore_interrupts_in_children
+from flexbeams.scenarios.processes.interrupt import deferred_interrupt
+from flexbeams.scenarios.processes.pools import ProcessPool
 from flexbeams.scenarios.runs.job import CHECK_FAILED, FAILED, INTERRUPTED, OK, Job, JobResult, run_job
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.package import ExtractedPackage, prepare_package
@@ -33,12 +29,6 @@ WRITING_TIME = 600.0  # s, for results, figures and report after the last step
 PROGRESS_INTERVAL = 0.1  # s between two messages of a job's progress
 
 Message = tuple[int, str, object]  # number of the job; begin, note, progress or end; its content
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def prepare_all(jobs: Sequence[Job], display: Display) -> list[Design]:
@@ -79,10 +69,9 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display, patience: 
     context = multiprocessing.get_context("spawn")
     messages: Queue[Message] = context.Queue()
     stop = context.Event()
-    with ProcessPoolExecutor(workers, context, _init_worker, (messages, stop)) as pool:
-        with ignore_interrupts_in_children(), _one_thread_each():
-            futures = [pool.submit(_run_job, number, job, designs) for number, job in enumerate(jobs)]
-        monitor = _Monitor(jobs, futures, messages, display, multiprocessing.active_children())
+    with ProcessPool(workers, _init_worker, (messages, stop)) as pool:
+        futures = [pool.submit(_run_job, number, job, designs) for number, job in enumerate(jobs)]
+        monitor = _Monitor(jobs, futures, messages, display, pool.processes)
         with deferred_interrupt() as interrupted:  # an exception within a message would corrupt those that follow
             while not monitor.finished and not interrupted():
                 monitor.poll()
@@ -97,8 +86,7 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display, patience: 
                     while not monitor.finished:
                         monitor.poll()
                 except KeyboardInterrupt:
-                    for process in multiprocessing.active_children():
-                        process.kill()
+                    pool.kill()
                     wait(futures)
                     monitor.abandon()
     return monitor.results
@@ -202,19 +190,6 @@ def one_line_result(result: JobResult) -> str:
     return f"{checks}, {result.factor} times real time"
 
 
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Limits processes that start inside to one thread of linear algebra: parallel ones would slow each other down."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    added = [name for name in names if name not in os.environ]
-    os.environ.update(dict.fromkeys(added, "1"))
-    try:
-        yield
-    finally:
-        for name in added:
-            del os.environ[name]
-
-
 class _Parent:
     """Connection of a worker to the process that started it; the only state of a worker between jobs."""
 
@@ -223,21 +198,8 @@ class _Parent:
 
 
 def _init_worker(messages: "Queue[Message]", stop: Event) -> None:
-    """First call in each worker. Signals may reach all processes; only the first one acts on them.
-
-    A worker ends with the process that started it, even if that is killed.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    """First call in each worker."""
     _Parent.messages, _Parent.stop = messages, stop
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(INTERRUPTED)
 
 
 def _run_job(number: int, job: Job, designs: Sequence[Design]) -> JobResult:

@@ -11,10 +11,15 @@ from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.key_texts import KEYS
 from flexbeams.scenarios.definition.scenario_file import scenario_files, structure_files
 from flexbeams.scenarios.definition.schemas import FILES, json_schema, key_page, tables
+from flexbeams.scenarios.definition.study_file import study_files
 from tests.helpers import ROOT
 
-PAGES = {"structure": ROOT / "plant/structure_keys.md", "scenario": ROOT / "scenarios/scenario_keys.md"}
-SHIPPED = {"structure": structure_files(), "scenario": scenario_files()}
+PAGES = {
+    "structure": ROOT / "plant/structure_keys.md",
+    "scenario": ROOT / "scenarios/scenario_keys.md",
+    "study": ROOT / "scenarios/study_keys.md",
+}
+SHIPPED = {"structure": structure_files(), "scenario": scenario_files(), "study": study_files()}
 
 
 def test_every_key_has_its_text_and_every_text_its_key() -> None:
@@ -79,7 +84,7 @@ def test_shipped_files_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["show", name]) == 0
         assert capsys.readouterr().out == path.read_text(encoding="utf-8")
     assert main(["show", "keil"]) == 2
-    assert "NAME is not a shipped scenario or structure; did you mean 'kiel'?" in capsys.readouterr().err
+    assert "NAME is not a shipped scenario, study or structure; did you mean 'kiel'?" in capsys.readouterr().err
 
 
 def test_structures_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
