@@ -89,7 +89,7 @@ def _add_co_simulation(root: ElementTree.Element, interface: Interface, source_f
         "canNotUseMemoryManagementFunctions": _text(interface.cannot_use_memory_management),
         "canGetAndSetFMUstate": _text(interface.can_get_and_set_state),
         "canSerializeFMUstate": _text(interface.can_serialize_state),
-        "providesDirectionalDerivative": "false",
+        "providesDirectionalDerivative": _text(interface.provides_directional_derivative),
     }
     element = ElementTree.SubElement(root, "CoSimulation", attributes)
     if source_files:

@@ -191,6 +191,7 @@ class Interface:
     cannot_use_memory_management: bool = False
     can_get_and_set_state: bool = True
     can_serialize_state: bool = True
+    provides_directional_derivative: bool = False
     arrays: dict[str, range] = field(init=False, repr=False, compare=False)
     _references: dict[str, int] = field(init=False, repr=False, compare=False)
 

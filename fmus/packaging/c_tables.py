@@ -151,6 +151,7 @@ def description_tables(interface: Interface, guid: str, hooks: str, data: str, d
                 "    },",
                 f"    .step_size = {c_real(interface.step_size)}, /* {interface.step_size:g} s */",
                 f"    .interpolates_inputs = {'true' if interface.can_interpolate_inputs else 'false'},",
+                f"    .provides_derivatives = {'true' if interface.provides_directional_derivative else 'false'},",
                 f"    .variable_count = {len(variables)},",
                 "    .kinds = unit_kinds,",
                 "    .variables = unit_variables,",

@@ -25,6 +25,10 @@ class ClosedLoop(NativeUnit):
     wires: tuple[LoopWire, ...]
     coupling: str  # jacobi or gauss-seidel
 
+    def provides_derivatives(self) -> bool:
+        """Whether all its parts have directional derivatives."""
+        return all(part.kind.require_native().provides_derivatives for part in self.parts)
+
     def kernels(self) -> list[Path]:
         """The C files of its mathematics, that of each kind of part once."""
         return [*super().kernels(), *dict.fromkeys(part.kind.require_native().source for part in self.parts)]

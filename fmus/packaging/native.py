@@ -41,12 +41,20 @@ class NativeUnit:
     out: Path
 
     def __post_init__(self) -> None:
-        interpolates = self.kind.require_native().interpolates_inputs
-        object.__setattr__(self, "interface", replace(self.interface, can_interpolate_inputs=interpolates))
+        interface = replace(
+            self.interface,
+            can_interpolate_inputs=self.kind.require_native().interpolates_inputs,
+            provides_directional_derivative=self.provides_derivatives(),
+        )
+        object.__setattr__(self, "interface", interface)
 
     def with_real_flags(self) -> "NativeUnit":
         """The unit with Boolean outputs declared as Real, and without reference results, which have them as Boolean."""
         return replace(self, interface=with_real_flags(self.interface), extra={})
+
+    def provides_derivatives(self) -> bool:
+        """Whether it has directional derivatives."""
+        return self.kind.require_native().provides_derivatives
 
     def kernels(self) -> list[Path]:
         """The C files of its mathematics."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from flexbeams.fmus.units.native_kernel import NATIVE
 
 _FOLDERS = ("", "numerics", "units", "fmi")
-_FMI = ("fmi2.c", "fmi2_values.c", "fmi2_state.c", "fmi2_model_exchange.c")
+_FMI = ("fmi2.c", "fmi2_values.c", "fmi2_derivatives.c", "fmi2_state.c", "fmi2_model_exchange.c")
 _INCLUDE = re.compile(r'#include (["<])([\w.]+)[">]\n')
 _GUARD = re.compile(r"#ifndef (\w+_H)\n#define \1\n\n?(.*)\n#endif\n", re.DOTALL)
 _STANDARD = "fmi2Functions.h"  # comes with the tool that compiles

@@ -12,6 +12,7 @@ from flexbeams.controller.voltage_limits import Violation, VoltageLimits
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
 
+LONGEST_DURATION = 1e12  # s, of a transition in a saved state
 ROUNDING = 1e-12  # m: a host that interpolates a constant target moves it by less
 
 
@@ -54,7 +55,12 @@ class FlatnessFeedforward(Unit):
         self._evaluate(self._preview[0])
 
     def restore(self) -> None:
-        """Nothing derives from the state but whether it rests."""
+        """Check the transitions: their number is an index, the planner tries durations up to a multiple of theirs."""
+        count = int(self._count[0])
+        starts, durations = self._starts[:count], self._durations[:count]
+        known = np.isfinite(starts).all() and (durations > 0).all() and (durations < LONGEST_DURATION).all()
+        if not (0 <= count <= self._slots and known):
+            self._refuse_state()
         self._at_rest = False
 
     def advance(self, time: float, step: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -60,11 +60,18 @@ class Kernel(ABC):
         """
 
     def restore(self) -> None:  # noqa: B027 (optional)
-        """After values and state arrays were replaced by saved ones: rebuild what derives from them."""
+        """After values and state arrays were replaced by saved ones: rebuild what derives from them.
+
+        UnitError, by `_refuse_state`, for contents that no saved state has.
+        """
 
     @abstractmethod
     def advance(self, time: float, step: float) -> None:
         """Move state and outputs from `time` to `time + step` (s since the start), the inputs held."""
+
+    @staticmethod
+    def _refuse_state() -> NoReturn:
+        raise UnitError("FMU state must have contents that this unit can have saved")
 
     def _compute(self, results: Callable[[], None]) -> None:
         """Values from `results`; where it fails, or one is not finite, they stay what they are."""

@@ -38,8 +38,8 @@ from flexbeams.fmus.python.checks import (
     variable_of,
 )
 from flexbeams.fmus.python.kernel import CallError, Kernel, UnitError, failure_text, one_line
-from flexbeams.fmus.python.snapshot import pack_state, unpack_state
-from flexbeams.fmus.python.tables import read_tables
+from flexbeams.fmus.python.snapshot import is_plausible, little_endian, pack_state, unpack_arrays, unpack_state
+from flexbeams.fmus.python.tables import read_tables, selector_of
 
 Value = TypeVar("Value")
 Arguments = ParamSpec("Arguments")
@@ -195,7 +195,7 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
     @entry
     def _get_fmu_state(self) -> bytes:
         texts = json.dumps([self._failure, *self._texts.values()]).encode()
-        arrays = [_little_endian(array) for array in self._arrays()]
+        arrays = [little_endian(array) for array in self._arrays()]
         return pack_state(self._digest, self._phase, [*arrays, texts])
 
     @entry
@@ -203,15 +203,15 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         arrays = self._arrays()
         try:
             phase, parts = unpack_state(state, self._digest, len(arrays) + 1)
-            if [len(part) for part in parts[:-1]] != [array.nbytes for array in arrays]:
-                raise ValueError("must have arrays of the same sizes")
+            saved = unpack_arrays(arrays, parts[:-1])
+            failure, *texts = json.loads(parts[-1])
+            if not is_plausible(self._tables.variables, phase, saved, failed=failure is not None):
+                raise ValueError("must have contents that this unit can have saved")
         except ValueError as error:
             raise UnitError(f"FMU state {error}") from None
-        for array, part in zip(arrays, parts[:-1], strict=True):
-            array[...] = np.frombuffer(part, array.dtype.newbyteorder("<")).reshape(array.shape)
-        if not self.clock.is_valid() or self.values[0] != self.clock.start + self.clock.elapsed:
-            raise UnitError("FMU state must have contents that this unit can have saved")
-        self._failure, *texts = json.loads(parts[-1])
+        for array, content in zip(arrays, saved, strict=True):
+            array[...] = content
+        self._failure = failure
         self._texts = dict(zip(self._texts, texts, strict=True))
         self._stale = True
         self._enter(phase)
@@ -244,15 +244,22 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
             self._compute(self.initialise)
             self._stale = False
 
+    def _try_refresh(self) -> None:
+        """The same for a call that only reads: where it is refused, the instance goes on."""
+        try:
+            self._refresh()
+        except UnitError as error:
+            raise CallError(str(error)) from None
+
     def _get(self, kind: str, references: list[int], convert: Callable[[Any], Value]) -> list[Value]:
         for reference in references:
             variable_of(self._tables.variables, reference, kind)
         if self._phase == INITIALISING:
-            self._refresh()
+            self._try_refresh()
         if kind == "String":
             return [convert(self._texts[reference]) for reference in references]
         key = tuple(references)
-        selector = _selector(key)
+        selector = selector_of(key)
         cache = {"Real": self._readable, "Boolean": self._readable_booleans}.get(kind)
         if cache is not None and self._phase != INITIALISING and len(cache) < CACHED_CALLS:
             cache[key] = selector
@@ -267,7 +274,7 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         if kind == "String":
             self._texts.update(zip(references, values, strict=True))
         else:
-            selector = _selector(tuple(references))
+            selector = selector_of(tuple(references))
             self.values[selector] = values
             only_inputs = kind == "Real" and all(v["causality"] == "input" for v in variables)
             if only_inputs and self._phase == STEPPING and len(self._writable) < CACHED_CALLS:
@@ -286,15 +293,3 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         for released in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(released))
         raise UnitError(text) from None
-
-
-def _little_endian(array: NDArray[Any]) -> bytes:
-    return array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
-
-
-def _selector(references: tuple[int, ...]) -> slice | NDArray[np.intp]:
-    """Index of these positions; a slice, which numpy reads much faster, where they are contiguous."""
-    first = references[0] if references else 0
-    if references == tuple(range(first, first + len(references))):
-        return slice(first, first + len(references))
-    return np.array(references, dtype=np.intp)

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from flexbeams.fmus.python.checks import TERMINATED
+from flexbeams.fmus.python.clock import Clock
+
+LARGEST_INTEGER = 2**31 - 1  # of FMI
 STATE_MAGIC = b"flxbeams"
 STATE_VERSION = 2
 # magic, version, CRC-32 of all that follows it, length, digest of unit and data, phase
@@ -38,3 +47,42 @@ def unpack_state(state: object, digest: bytes, parts: int) -> tuple[int, list[by
         contents.append(state[position : position + size])
         position += size
     return phase, contents
+
+
+def little_endian(array: NDArray[Any]) -> bytes:
+    """The numbers of an array, the same bytes on every machine."""
+    return array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
+
+
+def unpack_arrays(like: Sequence[NDArray[Any]], parts: Sequence[bytes]) -> list[NDArray[Any]]:
+    """Arrays of the same types and shapes as some others; ValueError where the parts do not fit them."""
+    if [len(part) for part in parts] != [array.nbytes for array in like]:
+        raise ValueError("must have arrays of the same sizes")
+    return [
+        np.frombuffer(part, array.dtype.newbyteorder("<")).reshape(array.shape)
+        for array, part in zip(like, parts, strict=True)
+    ]
+
+
+def is_plausible(
+    variables: Sequence[dict[str, Any]], phase: int, arrays: Sequence[NDArray[Any]], *, failed: bool
+) -> bool:
+    """Whether a unit can have saved this: the clock's fields, the values, then its state arrays.
+
+    The clock and the variable time agree, what can be set is within its bounds, integers convert; all is finite
+    unless a step failed.
+    """
+    clock = Clock()
+    clock.fields[:] = arrays[0]
+    values = arrays[1].tolist()
+    if phase > TERMINATED or not clock.is_valid() or values[0] != clock.start + clock.elapsed:
+        return False
+    for variable, value in zip(variables, values, strict=True):
+        low, high = -math.inf, math.inf
+        if variable["causality"] in ("input", "parameter"):
+            low, high = variable.get("minimum", low), variable.get("maximum", high)
+        if variable["type"] == "Integer":
+            low, high = max(low, -LARGEST_INTEGER), min(high, LARGEST_INTEGER)
+        if not low <= value <= high and variable["type"] != "String" and not (failed and math.isnan(value)):
+            return False
+    return failed or all(np.isfinite(array).all() for array in arrays)

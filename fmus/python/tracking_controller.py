@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,6 +57,14 @@ class TrackingController(Unit):
         self._tick[0] = 0
         self._in_a_row[:] = self._rejected_samples[0] = 0.0
         self._write_outputs(self._u_ff)
+
+    def restore(self) -> None:
+        """Check the counts, of which an absurd one would keep the next step busy for ever."""
+        tick, in_a_row = int(self._tick[0]), self._in_a_row
+        behind = self.clock.elapsed / self.meta["sample_time"] - tick
+        counts = ((in_a_row >= 0) & (in_a_row <= MOST_REJECTED) & (in_a_row == np.floor(in_a_row))).all()
+        if not (abs(behind) <= 2 + 4 * sys.float_info.epsilon * tick and counts):
+            self._refuse_state()
 
     def advance(self, time: float, step: float) -> None:
         """Every tick inside [time, time + step), s since the start, with the inputs held; an integer counts them."""

@@ -277,6 +277,7 @@ step.
         data=native_data,
         deferred=("w", "energy"),
         interpolates_inputs=True,
+        provides_derivatives=True,
     ),
     python=Path(__file__).parents[1] / "python" / "beam_plant.py",
     experiments=plant_experiments,

@@ -285,6 +285,7 @@ progress at once; a further one starts when one has ended.
         data_type="FlatnessFeedforwardData",
         hooks="flatness_feedforward_hooks",
         data=native_data,
+        provides_derivatives=True,
     ),
     python=Path(__file__).parents[1] / "python" / "flatness_feedforward.py",
     experiments=feedforward_experiments,

@@ -72,6 +72,7 @@ class NativeKernel:
     data: Callable[[Interface, UnitData], Fields]
     deferred: tuple[str, ...] = ()  # arrays that are computed when they are read
     interpolates_inputs: bool = False
+    provides_derivatives: bool = False  # directional ones: there is a hook `differentiate`
 
 
 def first_references(interface: Interface, *arrays: str) -> dict[str, int]:

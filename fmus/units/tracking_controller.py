@@ -269,6 +269,7 @@ design. Ticks inside a longer step see the inputs held; a step shorter than the 
         data_type="TrackingControllerData",
         hooks="tracking_controller_hooks",
         data=native_data,
+        provides_derivatives=True,
     ),
     python=Path(__file__).parents[1] / "python" / "tracking_controller.py",
     experiments=controller_experiments,

@@ -4,7 +4,7 @@ import struct
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from ctypes import c_char_p, c_int, c_size_t, c_uint
+from ctypes import c_char_p, c_int, c_uint
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -286,8 +286,6 @@ def test_functions_without_a_use_answer_as_the_standard_says() -> None:
         }
         assert fmu.getRealStatus(2) == SAMPLE
         assert not fmu.getBooleanStatus(3)
-        nothing = (component, None, c_size_t(0), None, c_size_t(0), None, None)
-        assert one.call("fmi2GetDirectionalDerivative", *nothing) == ERROR
         assert one.call("fmi2GetRealOutputDerivatives", component, (c_uint * 1)(8), 1, (c_int * 1)(1), None) == ERROR
         assert one.call("doStep", SAMPLE, SAMPLE) == OK
 

@@ -31,7 +31,8 @@ from tests.native.workshop import (
 
 pytestmark = pytest.mark.native
 
-SANITIZE = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+UNDEFINED = "undefined,float-cast-overflow"
+SANITIZE = ("-O1", "-g", f"-fsanitize=address,{UNDEFINED}", "-fno-sanitize-recover=all")
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is for Linux")
 
 
@@ -79,7 +80,7 @@ def test_random_calls(unit: str) -> None:
         "clang",
         "-O1",
         "-g",
-        "-fsanitize=fuzzer,address,undefined",
+        f"-fsanitize=fuzzer,address,{UNDEFINED}",
         "-fno-sanitize-recover=all",
         small=True,
     )

@@ -140,6 +140,26 @@ static void note_time(Subject *subject)
     fmi2GetRealStatus(subject->component, fmi2LastSuccessfulTime, &subject->time);
 }
 
+/* Of a variable with respect to another one, mostly of outputs and inputs. */
+static void derivative(fmi2Component component)
+{
+    fmi2ValueReference references[2 * MOST];
+    double changes[MOST] = {0.0};
+    double results[MOST];
+    const size_t unknowns = length();
+    const size_t knowns = length();
+    for (size_t k = 0; k < MOST; k++) {
+        references[k] = reference();
+        references[MOST + k] = reference();
+        changes[k] = real();
+    }
+    if ((unknowns > MOST && unknowns <= described->variable_count) ||
+        (knowns > MOST && knowns <= described->variable_count))
+        return;
+    fmi2GetDirectionalDerivative(component, byte() < 8 ? NULL : references, unknowns, references + MOST, knowns,
+                                 byte() < 8 ? NULL : changes, byte() < 8 ? NULL : results);
+}
+
 static void call(Subject *subject)
 {
     fmi2ValueReference references[MOST];
@@ -253,8 +273,11 @@ static void call(Subject *subject)
         break;
     case 27:
         fmi2CancelStep(c);
-        fmi2GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, NULL);
         fmi2GetRealOutputDerivatives(c, NULL, 1, NULL, NULL);
+        break;
+    case 29:
+    case 30:
+        derivative(c);
         break;
     case 28:
         fmi2SerializedFMUstateSize(c, subject->state, byte() < 128 ? &size : NULL);

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Fuzzes the units for as long as wanted: tests/native/fuzz.sh RUNS FOLDER (default 4000000 inputs for each unit).
-# Corpora, logs and failing inputs stay in FOLDER. Needs clang with libFuzzer (Debian: clang libclang-rt-14-dev).
+# Corpora, logs and failing inputs stay in FOLDER. Needs clang with libFuzzer (Debian: clang libclang-rt-dev).
 set -eu
 runs=${1:-4000000}
 folder=${2:-build/fuzz}
@@ -16,7 +16,7 @@ for unit in NATIVE_UNITS:
 Path(sys.argv[1], 'includes').write_text(' '.join(INCLUDES))
 " "$folder"
 for unit in BeamPlant FlatnessFeedforward TrackingController BeamClosedLoop; do
-    clang -O1 -g -std=c99 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all \
+    clang -O1 -g -std=c99 -fsanitize=fuzzer,address,undefined,float-cast-overflow -fno-sanitize-recover=all \
         -DUNIT_GUID="\"$(cat "$folder/$unit/guid")\"" -DFMI2_OVERRIDE_FUNCTION_PREFIX $(cat "$folder/includes") \
         "$folder/$unit/$unit.c" tests/native/fuzz.c -o "$folder/fuzz_$unit" -lm
     mkdir -p "$folder/corpus_$unit"

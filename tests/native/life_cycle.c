@@ -243,7 +243,6 @@ static void declined(void)
     WORKS(fmi2GetRealStatus(instance, fmi2LastSuccessfulTime, &real));
     WORKS(fmi2GetBooleanStatus(instance, fmi2Terminated, &whole));
     CHECK(real == 0.0 && whole == fmi2False);
-    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, NULL, 0, NULL, 0, NULL, NULL));
     REFUSED(fmi2Error, fmi2GetRealOutputDerivatives(instance, NULL, 0, NULL, NULL));
     if (!described->interpolates_inputs)
         REFUSED(fmi2Error, fmi2SetRealInputDerivatives(instance, NULL, 0, NULL, NULL));
@@ -260,6 +259,36 @@ static void declined(void)
     REFUSED(fmi2Error, fmi2SetDebugLogging(instance, fmi2True, 1, unknown));
     REFUSED(fmi2Error, fmi2SetDebugLogging(instance, fmi2True, 1, null));
     REFUSED(fmi2Error, fmi2SetDebugLogging(instance, fmi2True, 1, NULL));
+    run(0.0, 0, 2);
+    WORKS(fmi2Reset(instance));
+}
+
+/* Directional derivatives: refused before initialization mode, defined in it, zero behind it. */
+static void derivatives(void)
+{
+    static fmi2ValueReference outputs[512];
+    static fmi2Real changes[512];
+    static fmi2Real results[512];
+    const size_t count = reals_of(OUTPUT, outputs);
+    for (size_t k = 0; k < input_count; k++)
+        changes[k] = 1e-3;
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, outputs, count, inputs, input_count, changes, results));
+    WORKS(fmi2SetupExperiment(instance, fmi2False, 0.0, 0.0, fmi2False, 0.0));
+    WORKS(fmi2EnterInitializationMode(instance));
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, NULL, 1, inputs, input_count, changes, results));
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, outputs, count, NULL, 1, changes, results));
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, outputs, count, inputs, input_count, NULL, results));
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, outputs, count, inputs, input_count, changes, NULL));
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, inputs, 1, inputs, input_count, changes, results));
+    REFUSED(fmi2Error, fmi2GetDirectionalDerivative(instance, outputs, count, outputs, 1, changes, results));
+    WORKS(fmi2GetDirectionalDerivative(instance, NULL, 0, NULL, 0, NULL, NULL));
+    WORKS(fmi2GetDirectionalDerivative(instance, outputs, count, inputs, input_count, changes, results));
+    for (size_t k = 0; k < count; k++)
+        CHECK(isfinite(results[k]));
+    WORKS(fmi2ExitInitializationMode(instance));
+    WORKS(fmi2GetDirectionalDerivative(instance, outputs, count, inputs, input_count, changes, results));
+    for (size_t k = 0; k < count; k++)
+        CHECK(results[k] == 0.0);
     run(0.0, 0, 2);
     WORKS(fmi2Reset(instance));
 }
@@ -349,6 +378,7 @@ int main(void)
     WORKS(fmi2Reset(instance));
     misuse();
     declined();
+    derivatives();
     log_what_is_wanted();
     CHECK(block_count == 1);
     save_and_restore();

@@ -97,7 +97,8 @@ static Instance *allocate_instance(const UnitDescription *description, fmi2Strin
     const size_t count = description->variable_count;
     const size_t saved = 2 * count + unit_state_size(hooks, description->data);
     const size_t before_kept = saved + CACHE_LINE / sizeof(double) + unit_workspace_size(hooks, description->data);
-    const size_t doubles = before_kept + count_results(description);
+    const size_t before_changes = before_kept + count_results(description);
+    const size_t doubles = before_changes + count;
     const size_t size = sizeof(Instance) + doubles * sizeof(double) + strlen(name) + 1;
     const bool own = functions->allocateMemory == NULL || functions->freeMemory == NULL;
     Instance *const instance = own ? calloc(1, size) : functions->allocateMemory(1, size);
@@ -115,6 +116,7 @@ static Instance *allocate_instance(const UnitDescription *description, fmi2Strin
         .values = memory,
         .state = memory + 2 * count,
         .workspace = align_to_line(memory + saved),
+        .changes = memory + before_changes,
         .log = log_of_unit,
     };
     instance->kept = memory + before_kept;

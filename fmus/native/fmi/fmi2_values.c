@@ -5,50 +5,7 @@
 #include <string.h>
 
 #include "instance.h"
-
-static const char types[][8] = {[REAL] = "Real", [INTEGER] = "Integer", [BOOLEAN] = "Boolean", [STRING] = "String"};
-static const char causalities[][12] = {
-    [INDEPENDENT] = "independent", [PARAMETER] = "parameter", [INPUT] = "input", [OUTPUT] = "output", [LOCAL] = "local",
-};
-
-static VariableType type_of(const UnitDescription *unit, fmi2ValueReference reference)
-{
-    return unit->kinds[reference] & TYPE_MASK;
-}
-
-static Causality causality_of(const UnitDescription *unit, fmi2ValueReference reference)
-{
-    return unit->kinds[reference] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
-}
-
-/* Do the arguments of a call name variables of its type? */
-static bool check_references(Instance *instance, const fmi2ValueReference references[], size_t count, VariableType type,
-                             const void *values)
-{
-    if (count > 0 && (references == NULL || values == NULL)) {
-        decline_null(instance, references == NULL ? "vr" : "value");
-        return false;
-    }
-    const UnitDescription *const unit = instance->description;
-    if (count > unit->variable_count) {
-        decline(instance, "nvr must be <= %zu, the number of variables, got %zu", unit->variable_count, count);
-        return false;
-    }
-    for (size_t k = 0; k < count; k++) {
-        const fmi2ValueReference reference = references[k];
-        if (reference >= unit->variable_count) {
-            decline(instance, "value reference must be within 0..%zu, got %zu", unit->variable_count - 1,
-                    (size_t)reference);
-            return false;
-        }
-        const VariableType own = type_of(unit, reference);
-        if (own != type) {
-            decline(instance, "%s is %s, got a call for %s", unit->variables[reference].name, types[own], types[type]);
-            return false;
-        }
-    }
-    return true;
-}
+#include "references.h"
 
 /* The quick way for what hosts do at every step: consecutive Real variables, whose kinds agree with `kind` in the bits
    of `mask`. False where a call takes a closer look. */
@@ -94,7 +51,7 @@ static fmi2Status get_values(fmi2Component component, const char *function, cons
 {
     Instance *const instance = begin_call(component, function);
     if (instance == NULL || !check_references(instance, references, count, type, values) ||
-        (instance->now.phase == INITIALISING && !refresh(instance)))
+        (instance->now.phase == INITIALISING && !try_refresh(instance)))
         return fmi2Error;
     for (size_t k = 0; k < count; k++) {
         if (instance->description->kinds[references[k]] & DEFERRED)
@@ -162,7 +119,7 @@ static bool settable(Instance *instance, fmi2ValueReference reference, double va
     const Causality causality = causality_of(unit, reference);
     if (causality != INPUT && causality != PARAMETER) {
         char rule[48] = "is ";
-        strcat(rule, causalities[causality]);
+        strcat(rule, name_of_causality(causality));
         strcat(rule, " and cannot be set");
         return decline_value(instance, reference, rule, NULL, value, text);
     }
@@ -176,17 +133,6 @@ static bool settable(Instance *instance, fmi2ValueReference reference, double va
     if (value > variable->maximum)
         return decline_value(instance, reference, "must be <=", &variable->maximum, value, text);
     return true;
-}
-
-/* Before a call that sets variables. */
-static bool writable(Instance *instance, const fmi2ValueReference references[], size_t count, VariableType type,
-                     const void *values)
-{
-    if (instance->now.phase == TERMINATED) {
-        decline(instance, "no variable can be set after fmi2Terminate");
-        return false;
-    }
-    return check_references(instance, references, count, type, values);
 }
 
 /* Are all values within the bounds of variables in a row? NaN is not. */
@@ -263,63 +209,4 @@ fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference refer
                          const fmi2String values[])
 {
     return set_values(component, "fmi2SetString", references, count, STRING, values);
-}
-
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component component, const fmi2ValueReference references[], size_t count,
-                                       const fmi2Integer orders[], const fmi2Real values[])
-{
-    Instance *const instance = begin_call(component, "fmi2SetRealInputDerivatives");
-    if (instance == NULL)
-        return fmi2Error;
-    const UnitDescription *const unit = instance->description;
-    if (!unit->interpolates_inputs)
-        return decline(instance, "this unit holds its inputs, canInterpolateInputs is false");
-    if (!writable(instance, references, count, REAL, values))
-        return fmi2Error;
-    if (count > 0 && orders == NULL)
-        return decline_null(instance, "order");
-    for (size_t k = 0; k < count; k++) {
-        const char *const name = unit->variables[references[k]].name;
-        if (causality_of(unit, references[k]) != INPUT)
-            return decline(instance, "%s must be an input, got the derivative %r", name, values[k]);
-        if (orders[k] != 1)
-            return decline(instance, "order of the derivative of %s must be 1, got %d", name, orders[k]);
-        if (!isfinite(values[k]))
-            return decline(instance, "derivative of %s must be finite, got %r", name, values[k]);
-    }
-    double *const slopes = instance->unit.values + unit->variable_count;
-    for (size_t k = 0; k < count; k++) {
-        slopes[references[k]] = values[k];
-        instance->now.sloped = true;
-    }
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component component, const fmi2ValueReference references[], size_t count,
-                                        const fmi2Integer orders[], fmi2Real values[])
-{
-    (void)references;
-    (void)count;
-    (void)orders;
-    (void)values;
-    Instance *const instance = begin_call(component, "fmi2GetRealOutputDerivatives");
-    if (instance == NULL)
-        return fmi2Error;
-    return decline(instance, "this unit has none, maxOutputDerivativeOrder is 0");
-}
-
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component component, const fmi2ValueReference unknowns[],
-                                        size_t unknown_count, const fmi2ValueReference knowns[], size_t known_count,
-                                        const fmi2Real known_changes[], fmi2Real unknown_changes[])
-{
-    (void)unknowns;
-    (void)unknown_count;
-    (void)knowns;
-    (void)known_count;
-    (void)known_changes;
-    (void)unknown_changes;
-    Instance *const instance = begin_call(component, "fmi2GetDirectionalDerivative");
-    if (instance == NULL)
-        return fmi2Error;
-    return decline(instance, "this unit has none, providesDirectionalDerivative is false");
 }

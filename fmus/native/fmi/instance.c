@@ -48,7 +48,7 @@ static void say(Instance *instance, fmi2Status status, const char *text)
 
 static fmi2Status fail(Instance *instance, const char *text)
 {
-    if (instance->now.failure[0] == '\0')
+    if (instance->now.failure[0] == '\0' && !instance->trying)
         strcpy(instance->now.failure, text);
     say(instance, fmi2Error, text);
     return fmi2Error;
@@ -157,6 +157,14 @@ bool refresh(Instance *instance)
     instance->incomplete = true;
     instance->stale = false;
     return true;
+}
+
+bool try_refresh(Instance *instance)
+{
+    instance->trying = true;
+    const bool done = refresh(instance);
+    instance->trying = false;
+    return done;
 }
 
 void complete(Instance *instance)

@@ -29,6 +29,7 @@ typedef struct {
     unsigned char digest[DIGEST_SIZE]; /* of the unit's contents, in saved states */
     double step_size;                  /* s, the declared communication step */
     bool interpolates_inputs;
+    bool provides_derivatives; /* directional ones */
     size_t variable_count;
     const unsigned char *kinds;     /* (variable_count,) by value reference */
     const Variable *variables;      /* (variable_count,) by value reference */
@@ -56,13 +57,14 @@ typedef struct {
     bool stale;           /* parameters or inputs were set since the unit was initialised */
     bool incomplete;      /* the deferred variables lag behind the state */
     bool warned;          /* a warning was logged in the step under way */
+    bool trying;          /* what is refused now is declined: see try_refresh */
     const char *function; /* the FMI function under way */
     unsigned logged;      /* bit s is set where lines of status s go into the log */
     fmi2CallbackFunctions callbacks;
     char *name;
     double *kept;       /* results before the step under way */
     size_t saved_count; /* doubles at the start of `memory` that are saved: values, slopes and state */
-    double memory[];    /* those, then workspace, kept results and name */
+    double memory[];    /* those, then workspace, kept results, changes and name */
 } Instance;
 
 /* The instance behind a component, or NULL; notes the function for the log. */
@@ -86,6 +88,8 @@ INTERNAL bool require(Instance *instance, Phase phase);
 
 /* First state and outputs for what was set since; false where it is refused. */
 INTERNAL bool refresh(Instance *instance);
+/* The same for a call that only reads: where it is refused, the instance goes on. */
+INTERNAL bool try_refresh(Instance *instance);
 /* The results of a step: keep those from before it; are the new ones finite? If not, it is refused; back to the kept.
  */
 INTERNAL void keep_results(Instance *instance);

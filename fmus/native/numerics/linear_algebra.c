@@ -93,6 +93,15 @@ void solve_lower(size_t n, size_t columns, const double *L, double *B)
     }
 }
 
+void solve_lower_transposed(size_t n, const double *L, double *b)
+{
+    for (size_t i = n; i-- > 0;) {
+        b[i] /= L[i * n + i];
+        for (size_t k = 0; k < i; k++)
+            b[k] -= L[i * n + k] * b[i];
+    }
+}
+
 static void swap_rows(double *one, double *other, size_t columns)
 {
     for (size_t j = 0; j < columns; j++) {

@@ -28,6 +28,8 @@ INTERNAL void transpose(size_t rows, size_t columns, const double *A, double *tr
 INTERNAL bool cholesky(size_t n, double *A);
 /* X with L X = B in place of B (n, columns); L (n, n) lower triangular. */
 INTERNAL void solve_lower(size_t n, size_t columns, const double *L, double *B);
+/* x with L' x = b in place of b (n,); L (n, n) lower triangular. */
+INTERNAL void solve_lower_transposed(size_t n, const double *L, double *b);
 /* X with A X = B in place of B (n, columns), by elimination with row exchanges, which destroys A (n, n);
    false where A is singular. */
 INTERNAL bool solve_general(size_t n, size_t columns, double *A, double *B);

@@ -98,20 +98,25 @@ static bool build_plant(UnitInstance *unit)
     return true;
 }
 
+/* Adds the noise of the sample at `time` (s since the start) to the strains y_pm (gauges,). */
+static void add_noise(const UnitInstance *unit, double deviation, double time, double *y_pm)
+{
+    const BeamPlantData *const plant = unit->data;
+    const double tick = floor((time + clock_tolerance(unit, time, unit->step_size)) / unit->step_size);
+    const uint64_t seed = (uint64_t)unit->values[plant->noise_seed];
+    for (size_t k = 0; k < plant->gauges; k++)
+        y_pm[k] += deviation * normal_number(seed, (uint64_t)tick, k);
+}
+
 /* y_pi and y_pm, with the noise of the sample at `time` (s since the start). */
 static void write_plant_outputs(UnitInstance *unit, const LinearSystem *system, double time)
 {
     const BeamPlantData *const plant = unit->data;
     double *const y_pi = unit->values + plant->y_pi;
-    double *const y_pm = y_pi + plant->points;
-    linear_system_outputs(system, unit->state, y_pi);
     const double deviation = unit->values[plant->strain_noise_std];
-    if (!(deviation > 0.0))
-        return;
-    const double tick = floor((time + clock_tolerance(unit, time, unit->step_size)) / unit->step_size);
-    const uint64_t seed = (uint64_t)unit->values[plant->noise_seed];
-    for (size_t k = 0; k < plant->gauges; k++)
-        y_pm[k] += deviation * normal_number(seed, (uint64_t)tick, k);
+    linear_system_outputs(system, unit->state, y_pi);
+    if (deviation > 0.0)
+        add_noise(unit, deviation, time, y_pi + plant->points);
 }
 
 /* At rest under the given voltages. */
@@ -126,6 +131,16 @@ static bool beam_plant_initialise(UnitInstance *unit)
                       unit->state);
     write_plant_outputs(unit, &system, 0.0);
     return true;
+}
+
+static void beam_plant_differentiate(UnitInstance *unit)
+{
+    const BeamPlantData *const plant = unit->data;
+    const PlantLayout at = plant_layout(plant);
+    const PlantMatrices matrices = plant_matrices_in(unit->workspace + at.matrices, plant);
+    double *const y_pi = unit->changes + plant->y_pi;
+    differentiate_rest(unit, &matrices, y_pi);
+    add_noise(unit, unit->changes[plant->strain_noise_std], 0.0, y_pi + plant->points);
 }
 
 static bool beam_plant_prepare(UnitInstance *unit, double step)
@@ -222,6 +237,7 @@ INTERNAL_DATA const UnitHooks beam_plant_hooks = {
     .state_size = beam_plant_state_size,
     .workspace_size = beam_plant_workspace_size,
     .initialise = beam_plant_initialise,
+    .differentiate = beam_plant_differentiate,
     .prepare = beam_plant_prepare,
     .restore = beam_plant_restore,
     .advance = beam_plant_advance,

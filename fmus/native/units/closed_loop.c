@@ -83,6 +83,7 @@ static bool for_each_part(UnitInstance *whole, PartAction *action, double time, 
                      .values = whole->values + description->values,
                      .state = state,
                      .workspace = workspace,
+                     .changes = whole->changes + description->values,
                      .log = log_of_part},
             .whole = whole,
             .description = description,
@@ -96,17 +97,16 @@ static bool for_each_part(UnitInstance *whole, PartAction *action, double time, 
 }
 
 /* Outputs to the inputs that they are wired to. */
-static void pass_on(UnitInstance *whole, size_t first_wire, size_t wire_count)
+static void pass_on(const UnitInstance *whole, double *values, size_t first_wire, size_t wire_count)
 {
     const ClosedLoopData *const loop = whole->data;
-    double *const values = whole->values;
     for (const LoopWire *wire = loop->wires + first_wire; wire < loop->wires + first_wire + wire_count; wire++)
         memcpy(values + wire->to, values + wire->from, wire->count * sizeof *values);
 }
 
 static void pass_on_to(const Part *part)
 {
-    pass_on(part->whole, part->description->first_wire, part->description->wire_count);
+    pass_on(part->whole, part->whole->values, part->description->first_wire, part->description->wire_count);
 }
 
 /* Have the inputs of these wires values within their bounds? */
@@ -147,8 +147,25 @@ static bool closed_loop_initialise(UnitInstance *unit)
     for (size_t k = 0; k < loop->part_count; k++)
         if (!for_each_part(unit, initialise_part, 0.0, 0.0))
             return false;
-    pass_on(unit, 0, loop->wire_count);
+    pass_on(unit, unit->values, 0, loop->wire_count);
     return check_inputs(unit, 0, loop->wire_count);
+}
+
+static bool differentiate_part(Part *part, double time, double step)
+{
+    (void)time;
+    (void)step;
+    pass_on(part->whole, part->whole->changes, part->description->first_wire, part->description->wire_count);
+    part->unit.hooks->differentiate(&part->unit);
+    return true;
+}
+
+/* As often as closed_loop_initialise. */
+static void closed_loop_differentiate(UnitInstance *unit)
+{
+    const ClosedLoopData *const loop = unit->data;
+    for (size_t k = 0; k < loop->part_count; k++)
+        for_each_part(unit, differentiate_part, 0.0, 0.0);
 }
 
 static bool prepare_part(Part *part, double time, double step)
@@ -195,7 +212,7 @@ static bool closed_loop_advance(UnitInstance *unit, double time, double step)
         if (whole) {
             *done += 1.0;
             *fraction = 0.0;
-            pass_on(unit, 0, loop->wire_count);
+            pass_on(unit, unit->values, 0, loop->wire_count);
             if (!check_inputs(unit, 0, loop->wire_count))
                 return false;
         }
@@ -238,6 +255,7 @@ INTERNAL_DATA const UnitHooks closed_loop_hooks = {
     .state_size = closed_loop_state_size,
     .workspace_size = closed_loop_workspace_size,
     .initialise = closed_loop_initialise,
+    .differentiate = closed_loop_differentiate,
     .prepare = closed_loop_prepare,
     .restore = closed_loop_restore,
     .advance = closed_loop_advance,

@@ -38,12 +38,12 @@ static Motion motion_of(const UnitInstance *unit)
                     .changes = durations + SLOTS};
 }
 
-/* Workspace: of the flat output's evaluation; or the outputs' arguments; or a change, the limits of the voltages and
-   scratch of the planner. */
+/* Workspace: of the flat output's evaluation, and a change of its offset behind it; or the outputs' arguments; or a
+   change, the limits of the voltages and scratch of the planner. */
 static size_t flatness_feedforward_workspace_size(const void *data)
 {
     const FlatnessFeedforwardData *const feedforward = data;
-    const size_t evaluation = flat_output_scratch(&feedforward->flat);
+    const size_t evaluation = flat_output_scratch(&feedforward->flat) + feedforward->flat.voltages;
     const size_t outputs = feedforward->flat.states + feedforward->flat.voltages;
     const size_t planning = (3 + PLANNER_SCRATCH) * feedforward->flat.voltages;
     const size_t others = outputs > planning ? outputs : planning;
@@ -74,23 +74,28 @@ static size_t retire_transitions(UnitInstance *unit, double time)
     return left;
 }
 
-/* Voltages, reference states and outputs at `time`. */
-static void write_references(UnitInstance *unit, double time)
+/* Voltages, reference states and outputs of a motion at `time` in place of the variables' `values`. */
+static void evaluate_references(const UnitInstance *unit, const Motion *motion, double time, double *values)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
     const size_t voltages = feedforward->flat.voltages;
     const size_t states = feedforward->flat.states;
-    const bool moving = retire_transitions(unit, time) > 0;
-    const Motion motion = motion_of(unit);
-    double *const u = unit->values + feedforward->u_ff;
-    double *const x = unit->values + feedforward->x_ref;
-    evaluate_flat_output(&feedforward->flat, &motion, time, u, x, unit->workspace);
+    double *const u = values + feedforward->u_ff;
+    double *const x = values + feedforward->x_ref;
+    evaluate_flat_output(&feedforward->flat, motion, time, u, x, unit->workspace);
     double *const state_and_input = unit->workspace;
     memcpy(state_and_input, x, states * sizeof *x);
     memcpy(state_and_input + states, u, voltages * sizeof *u);
     multiply_panels(feedforward->points, states + voltages, feedforward->reference_outputs, state_and_input, false,
-                    unit->values + feedforward->y_ref);
-    unit->values[feedforward->moving] = moving;
+                    values + feedforward->y_ref);
+}
+
+static void write_references(UnitInstance *unit, double time)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    unit->values[feedforward->moving] = retire_transitions(unit, time) > 0;
+    const Motion motion = motion_of(unit);
+    evaluate_references(unit, &motion, time, unit->values);
 }
 
 /* Part of the target at a point that no voltages reach, m. */
@@ -242,6 +247,16 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
     return true;
 }
 
+/* At rest the outputs are linear in the flat output. */
+static void flatness_feedforward_differentiate(UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const Motion motion = {.offset = unit->workspace + flat_output_scratch(&feedforward->flat)};
+    multiply_panels(feedforward->flat.voltages, feedforward->points, feedforward->static_inverse,
+                    unit->changes + feedforward->y_target, false, motion.offset);
+    evaluate_references(unit, &motion, 0.0, unit->changes);
+}
+
 /* A changed target starts a transition at `time`; outputs are those of time + step + preview. At rest they stay. */
 static bool flatness_feedforward_advance(UnitInstance *unit, double time, double step)
 {
@@ -277,6 +292,7 @@ INTERNAL_DATA const UnitHooks flatness_feedforward_hooks = {
     .state_size = flatness_feedforward_state_size,
     .workspace_size = flatness_feedforward_workspace_size,
     .initialise = flatness_feedforward_initialise,
+    .differentiate = flatness_feedforward_differentiate,
     .restore = flatness_feedforward_restore,
     .advance = flatness_feedforward_advance,
 };

@@ -135,6 +135,34 @@ static void compute_outputs(const BeamPlantData *plant, const Assembly *from, co
     memcpy(to->stations, rows + each_step * n, n * plant->stations * sizeof *rows);
 }
 
+/* K q = L u at rest, hence K dq = dL u + L du - dK q; y = outputs q. */
+void differentiate_rest(const UnitInstance *unit, const PlantMatrices *matrices, double *y)
+{
+    const BeamPlantData *const plant = unit->data;
+    const size_t n = plant->coordinates;
+    const Assembly from = assembly_in(matrices->scratch, plant);
+    const double *const u = unit->values + plant->start_at_rest_under;
+    double *const q = matrices->A;
+    double *const load = q + n;
+    multiply_matrices(n, plant->patches, 1, matrices->rest, u, q);
+    solve_lower_transposed(n, from.R_K, q);
+    multiply_matrices(n, plant->patches, 1, from.L, unit->changes + plant->start_at_rest_under, load);
+    for (size_t k = 0; k < plant->term_count; k++) {
+        const PlantTerm *const term = &plant->terms[k];
+        const double change = unit->changes[term->parameter];
+        const double *block = plant->blocks + term->block;
+        if (term->matrix == INPUT_GAIN)
+            for (size_t i = term->start; i < term->start + term->size; i++)
+                load[i] += change * *block++ * u[term->column];
+        if (term->matrix == STIFFNESS)
+            for (size_t i = term->start; i < term->start + term->size; i++)
+                for (size_t j = term->start; j < term->start + term->size; j++)
+                    load[i] -= change * *block++ * q[j];
+    }
+    solve_lower(n, 1, from.R_K, load);
+    multiply_matrices(plant->points + plant->gauges, n, 1, from.rows + n * row_count(plant), load, y);
+}
+
 static bool check_parameters(UnitInstance *unit)
 {
     const BeamPlantData *const plant = unit->data;

@@ -23,5 +23,8 @@ INTERNAL size_t plant_matrices_size(const BeamPlantData *plant);
 INTERNAL PlantMatrices plant_matrices_in(double *memory, const BeamPlantData *plant);
 /* Computes them; false, with a line in the log, for parameters that no structure has. */
 INTERNAL bool compute_plant_matrices(UnitInstance *unit, const PlantMatrices *matrices);
+/* Changes of y (points + gauges,) at rest for those of parameters and voltages, unit->changes. With the matrices of the
+   present parameters, whose A is lost. */
+INTERNAL void differentiate_rest(const UnitInstance *unit, const PlantMatrices *matrices, double *y);
 
 #endif

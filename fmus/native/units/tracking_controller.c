@@ -82,6 +82,26 @@ static bool tracking_controller_initialise(UnitInstance *unit)
     return true;
 }
 
+/* A voltage within the limit follows the feedforward's, another one the limit. */
+static void tracking_controller_differentiate(UnitInstance *unit)
+{
+    const TrackingControllerData *const controller = unit->data;
+    const double *const u_ff = unit->values + controller->u_ff;
+    const double limit = unit->values[controller->voltage_limit];
+    double *const changes = unit->changes;
+    double *const state_and_input = unit->workspace;
+    double *const voltages = state_and_input + controller->states;
+    memset(state_and_input, 0, controller->states * sizeof *state_and_input);
+    memcpy(state_and_input, changes + controller->x_ref, controller->reduced_states * sizeof *state_and_input);
+    for (size_t k = 0; k < controller->voltages; k++) {
+        const double beyond = u_ff[k] > limit ? 1.0 : u_ff[k] < -limit ? -1.0 : 0.0;
+        voltages[k] = beyond == 0.0 ? changes[controller->u_ff + k] : beyond * changes[controller->voltage_limit];
+    }
+    memcpy(changes + controller->u, voltages, controller->voltages * sizeof *voltages);
+    multiply_panels(controller->points, controller->states + controller->voltages, controller->estimates,
+                    state_and_input, false, changes + controller->y_est);
+}
+
 /* A strain sample is left out, the first one with a line; false after too many of one gauge in a row. */
 static bool reject_sample(UnitInstance *unit, size_t gauge, double sample)
 {
@@ -231,6 +251,7 @@ INTERNAL_DATA const UnitHooks tracking_controller_hooks = {
     .state_size = tracking_controller_state_size,
     .workspace_size = tracking_controller_workspace_size,
     .initialise = tracking_controller_initialise,
+    .differentiate = tracking_controller_differentiate,
     .restore = tracking_controller_restore,
     .advance = tracking_controller_advance,
 };

@@ -36,6 +36,7 @@ struct UnitInstance {
     const double *slopes;      /* d/dt of each input during the step, NULL where all are zero */
     double *state;             /* saved and restored together with the values */
     double *workspace;         /* zero at first; only what follows from values and state */
+    double *changes;           /* of each variable, for `differentiate` */
     void (*log)(UnitInstance *unit, Severity severity, const char *line);
 };
 
@@ -47,6 +48,9 @@ struct UnitHooks {
     size_t (*workspace_size)(const void *data);
     /* First state and outputs from parameters and inputs; runs again where these change before the first step. */
     bool (*initialise)(UnitInstance *unit);
+    /* The changes of Real outputs that `initialise`, which has just run, computes for the changes of inputs and
+       parameters: its derivative times these, written over the zeros of the outputs. */
+    void (*differentiate)(UnitInstance *unit);
     /* What a step of this size (s) needs, so that the first one takes no longer than the others. */
     bool (*prepare)(UnitInstance *unit, double step);
     /* After values and state were replaced by saved ones. */
