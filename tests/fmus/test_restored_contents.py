@@ -1,0 +1,115 @@
+"""Contents that no instance can have saved are refused by both kernels; a read that fails does no harm."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+from flexbeams.fmus.python.snapshot import pack_state, unpack_state
+from flexbeams.scenarios.simulation.failure import UnitFailure
+from tests.helpers import BuiltUnits, Workshop
+from tests.native.workshop import native_folder, needs_zig
+from tests.units.loaded import loaded
+
+SAMPLE = 2e-4
+RULE = "FMU state must have contents that this unit can have saved"
+# Arrays of a saved Python state: clock, values, then those of the kernel in the order of its setup, then texts
+PARTS = {"BeamPlant": 4, "FlatnessFeedforward": 9, "TrackingController": 6}
+CLOCK, VALUES = 0, 1
+INTEGRAL, TICK, IN_A_ROW = 2, 3, 4  # of the controller
+COUNT, STARTS, DURATIONS = 2, 5, 6  # of the feedforward
+
+
+def forged(state: bytes, unit: str, part: int, index: int, value: float, kind: str = "d") -> bytes:
+    """A saved Python state with another number and a checksum that fits."""
+    phase, parts = unpack_state(state, state[24:56], PARTS[unit])
+    changed = bytearray(parts[part])
+    struct.pack_into(f"<{kind}", changed, 8 * index, value)
+    parts[part] = bytes(changed)
+    return pack_state(state[24:56], phase, parts)
+
+
+CASES = [
+    ("TrackingController", TICK, 0, 10**15, "q"),
+    ("TrackingController", TICK, 0, -5, "q"),
+    ("TrackingController", IN_A_ROW, 2, 0.5, "d"),
+    ("TrackingController", IN_A_ROW, 2, -1.0, "d"),
+    ("TrackingController", IN_A_ROW, 2, 1e300, "d"),
+    ("TrackingController", INTEGRAL, 1, np.nan, "d"),
+    ("TrackingController", VALUES, 7, 1e9, "d"),  # u_ff[1]
+    ("TrackingController", VALUES, 7, np.nan, "d"),
+    ("FlatnessFeedforward", COUNT, 0, 9, "q"),
+    ("FlatnessFeedforward", COUNT, 0, -1, "q"),
+    ("FlatnessFeedforward", DURATIONS, 0, 0.0, "d"),
+    ("FlatnessFeedforward", DURATIONS, 0, 1e13, "d"),
+    ("FlatnessFeedforward", STARTS, 0, np.inf, "d"),
+    ("BeamPlant", CLOCK, 6, 0.5, "d"),  # steps
+    ("BeamPlant", VALUES, 0, 7.0, "d"),  # time
+]
+
+
+@pytest.mark.parametrize(("unit", "part", "index", "value", "kind"), CASES)
+def test_python_units_refuse_what_they_cannot_have_saved(
+    workshop: Workshop, unit: str, part: int, index: int, value: float, kind: str
+) -> None:
+    """With one line; the instance works again with the state as it was."""
+    with loaded(workshop.folder(unit)) as one:
+        one.begin()
+        if unit == "FlatnessFeedforward":
+            one.put("y_target", 1e-4 * np.array([-8.0, 1.0, 4.0, -6.0]))
+        good = one.advance(SAMPLE).saved()
+        expected = one.advance(SAMPLE).everything()
+        with pytest.raises(UnitFailure, match=RULE):
+            one.restore(forged(good, unit, part, index, value, kind))
+        assert one.restore(good).advance(SAMPLE).everything().tobytes() == expected.tobytes()
+
+
+def test_forging_itself_is_no_reason_to_refuse(workshop: Workshop) -> None:
+    """The same numbers again, and others that are possible."""
+    with loaded(workshop.folder("TrackingController")) as one:
+        state = one.begin().advance(SAMPLE).saved()
+        for part, index, value, kind in ((TICK, 0, 1, "q"), (IN_A_ROW, 2, 3.0, "d"), (VALUES, 7, 5.0, "d")):
+            one.restore(forged(state, "TrackingController", part, index, value, kind)).advance(SAMPLE)
+
+
+@needs_zig
+@pytest.mark.parametrize("value", [0.5, -1.0, 1e300])
+def test_a_native_count_of_rejected_samples_is_whole_and_small(value: float) -> None:
+    """The last number of the state."""
+    with loaded(native_folder("TrackingController")) as one:
+        one.begin().advance(SAMPLE)
+        state = bytearray(one.saved())
+        struct.pack_into("<d", state, len(state) - 8, value)
+        struct.pack_into("<I", state, 12, zlib.crc32(bytes(state[16:])))
+        with pytest.raises(UnitFailure, match=RULE):
+            one.restore(bytes(state))
+
+
+def test_a_getter_that_cannot_be_computed_leaves_the_instance_going(units: BuiltUnits) -> None:
+    """In initialization mode a target out of reach has no outputs; another target has, and steps follow."""
+    target = -2e-3
+    with loaded(units("FlatnessFeedforward")) as one:
+        one.prepare(voltage_limit=12.5, y_target=target)
+        for _ in range(2):
+            with pytest.raises(UnitFailure, match="y_target is out of reach"):
+                one.take("u_ff")
+        one.put("voltage_limit", 800.0)
+        one.put("y_target", target * np.array([3.2, -0.4, -1.6, 2.4]))
+        assert one.take("u_ff").any()
+        one.call("exitInitializationMode")
+        expected = one.advance(SAMPLE).everything()
+    with loaded(units("FlatnessFeedforward")) as fresh:
+        fresh.begin(voltage_limit=800.0, y_target=target * np.array([3.2, -0.4, -1.6, 2.4]))
+        assert fresh.advance(SAMPLE).everything().tobytes() == expected.tobytes()
+
+
+def test_an_initialisation_that_cannot_be_computed_ends_the_instance_until_a_reset(units: BuiltUnits) -> None:
+    with loaded(units("FlatnessFeedforward")) as one:
+        one.prepare(voltage_limit=12.5, y_target=-2e-3)
+        with pytest.raises(UnitFailure, match="y_target is out of reach"):
+            one.call("exitInitializationMode")
+        with pytest.raises(UnitFailure, match="fmi2DoStep is refused until fmi2Reset"):
+            one.advance(SAMPLE)
+        one.call("reset")
+        one.begin().advance(SAMPLE)
