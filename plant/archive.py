@@ -5,11 +5,11 @@ import os
 import re
 import time
 import zipfile
-from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from os.path import exists, isfile
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.locks import Lock
 
+_ATTEMPTS = 100  # to make a draft that no other writer of the same file sweeps before it is locked
 _EARLIEST = 315532800  # s since 1970: 1980-01-01, the first date of the zip format
 
 
@@ -43,29 +44,39 @@ def write_whole(path: Path, content: bytes) -> None:
 
     Raises InputError where it cannot be written, or where something other than a file has the name, such as a device.
     """
+    with whole_file(path) as file:
+        file.write(content)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to write, which gets its name at the end, or does not exist after an error; errors as of write_whole."""
     if exists(path) and not isfile(path):
         raise InputError("", "must be a regular file or a new path", source=str(path))
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _sweep_drafts(path)
-        try:
-            _replace(path, content)
-        except FileNotFoundError:  # another writer of the same file swept the draft before it was locked
-            _replace(path, content)
+        with _draft(draft) as file:
+            yield file
+            file.close()
+            draft.replace(path)
     except OSError as error:
         raise InputError("", f"cannot be written: {error.strerror or error}", source=str(path)) from None
 
 
-def _replace(path: Path, content: bytes) -> None:
-    """Writes a draft, locked so that it counts as in use, and gives it the file's name."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+@contextmanager
+def _draft(draft: Path) -> Iterator[BinaryIO]:
+    """A new file, locked so that it counts as in use, and removed at the end if it is still there."""
     try:
-        draft.touch()
-        with _lock(draft):
-            draft.write_bytes(content)
-            draft.replace(path)
+        for _ in range(_ATTEMPTS):
+            with draft.open("wb") as file, _lock(draft):
+                if exists(draft):
+                    yield file
+                    return
     finally:
         draft.unlink(missing_ok=True)
+    raise FileNotFoundError("another process removes it again and again")
 
 
 def _sweep_drafts(path: Path) -> None:

@@ -18,7 +18,7 @@ from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.validation import validate
-from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
+from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling, Format
 from flexbeams.scenarios.definition.declaration import (
     InstanceDeclaration,
     by_index,
@@ -51,6 +51,8 @@ class Settings:
     record_animation: bool = True  # record the deflected beams for the animation
     open_inputs: bool = False  # inputs that nothing drives are signals, which the caller sets
     design: Mapping[str, Any] = field(default_factory=dict)  # keys of [design], in place of the scenario's
+    formats: tuple[Format, ...] = ()  # of the result files that are to be written
+    results_folder: Path | None = None  # where they are written
     kinds: tuple[UnitKind, ...] = ()  # of units that scenarios may name beside those of the catalogue
 
     def __post_init__(self) -> None:

@@ -1,9 +1,39 @@
 """Decimation for plots: every stretch of a curve keeps its minimum and maximum, so that no peak is lost."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
+from flexbeams.scenarios.simulation.recording import BLOCK_BYTES, Recording
+
+_STRETCHES = 2000  # of a recording whose rows are in a file
+_THINNED_BYTES = 2**27  # of the rows that are kept of it, at most
+_ROUNDING = 1e-9  # s, of times that are meant to be equal
+
+
+def thinned(recording: Recording, start: float = -np.inf, stop: float = np.inf) -> Recording:
+    """A recording in memory that is drawn as this one from `start` to `stop` s.
+
+    If its rows are in a file, it has those with the minimum and maximum of any column in each of many stretches.
+    """
+    if recording.file is None:
+        return recording
+    first = int(np.searchsorted(recording.time, start - _ROUNDING))
+    last = int(np.searchsorted(recording.time, stop + _ROUNDING, side="right"))
+    count, width = last - first, recording.file.width
+    if 8 * count * width <= _THINNED_BYTES // 4:
+        stretch = 1
+    else:
+        stretch = -(-count // min(_STRETCHES, max(1, _THINNED_BYTES // (16 * width * len(recording.columns)))))
+    size = max(1, BLOCK_BYTES // (8 * width * stretch)) * stretch
+    time, values = [recording.time[:0]], [recording.values[:0]]
+    for part, rows in recording.blocks(first, last, size):
+        kept = _extremes(rows, stretch) if stretch > 1 else np.arange(len(rows))
+        time.append(part[kept])
+        values.append(rows[kept])
+    return replace(recording, time=np.concatenate(time), values=np.concatenate(values), file=None)
 
 
 def plotted_rows(values: Array, limit: int) -> NDArray[np.intp]:

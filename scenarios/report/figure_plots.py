@@ -4,7 +4,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from flexbeams.scenarios.definition.schema import Figure, Scenario
-from flexbeams.scenarios.report.decimation import decimated
+from flexbeams.scenarios.report.decimation import decimated, thinned
 from flexbeams.scenarios.report.plots import Line, Panel, Plot, PlotRow, Style
 from flexbeams.scenarios.results.curves import DISPLAY_UNITS, Curve, figure_curve
 from flexbeams.scenarios.simulation.recording import Recording
@@ -26,10 +26,11 @@ def figure_plot(
     figure: Figure, scenario: Scenario, recording: Recording, folder: Path, open_loop: Recording | None, key: str
 ) -> Plot:
     """A row for each entry of `rows`, a column for each element of its signals; `key` is for errors."""
-    rows = [[figure_curve(name, recording, open_loop, figure.points, key) for name in names] for names in figure.rows]
-    return plot_rows(
-        rows, figure.title or scenario.title, folder / figure.file, figure.start, figure.stop or recording.time[-1]
-    )
+    stop = figure.stop or float(recording.time[-1])
+    own = thinned(recording, figure.start, stop)
+    other = None if open_loop is None else thinned(open_loop, figure.start, stop)
+    rows = [[figure_curve(name, own, other, figure.points, key) for name in names] for names in figure.rows]
+    return plot_rows(rows, figure.title or scenario.title, folder / figure.file, figure.start, stop)
 
 
 def plot_rows(rows: list[list[Curve]], title: str, stem: Path, start: float, stop: float, wide: bool = False) -> Plot:

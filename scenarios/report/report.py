@@ -7,6 +7,7 @@ from flexbeams.controller.design import Design
 from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
+from flexbeams.scenarios.report.decimation import thinned
 from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
@@ -17,8 +18,9 @@ _TIMING = {"steps": "steps", "wall_s": "stepping loop, s", "real_time_factor": "
 
 def report_html(run: Run) -> str:
     """The page; equal runs give equal bytes except for the section on timing."""
-    groups = figure_groups(run.scenario, run.recording, run.open_loop)
-    if further := remaining_signals_group(run.scenario, run.recording):
+    drawn, open_loop = thinned(run.recording), None if run.open_loop is None else thinned(run.open_loop)
+    groups = figure_groups(run.scenario, drawn, open_loop)
+    if further := remaining_signals_group(run.scenario, drawn):
         groups.append(further)
     design = run.design
     moving = None if design is None else animation(run.recording.frames, design, _step(run.scenario, design))

@@ -9,6 +9,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.measures import decay_time, motion_settling_time, overshoots, settling_time
 from flexbeams.scenarios.definition.schema import Check, Scenario
+from flexbeams.scenarios.results.window import Window
 from flexbeams.scenarios.simulation.recording import Recording
 
 
@@ -71,24 +72,24 @@ class Measurement:
 
     def value(self, check: Check, key: str) -> float:
         """The value of one check, in SI units, seconds or percent."""
-        time, y = self._window(self._recording, check, key)
-        reference = self._reference(check, y, key)
+        window = self._window(self._recording, check, key)
+        reference = self._reference(check, window, key)
         match check.measure:
             case "largest":
-                value = float(np.max(np.abs(y - reference)))
+                value = float(window.largest(lambda time, y: np.max(np.abs(y - reference))))
             case "end_deviation":
-                value = float(np.max(np.abs(y[-1] - reference)))
+                value = float(np.max(np.abs(window.end - reference)))
             case "largest_change":
-                if len(y) < 2:
+                if len(window) < 2:
                     raise InputError(
                         f"{key}.after",
                         "must leave more than one row of the run to look at",
                         check.after,
                         source=self._source,
                     )
-                value = float(np.max(np.abs(np.diff(y, axis=0))))
+                value = window.largest_change()
             case "overshoot":
-                value = float(np.max(overshoots(y, reference)))
+                value = float(np.max(window.largest(lambda time, y: overshoots(y, reference))))
             case "overshoot_percent":
                 if check.reference not in ("end", "start") and not np.all(reference):
                     raise InputError(
@@ -97,14 +98,14 @@ class Measurement:
                         check.reference,
                         source=self._source,
                     )
+                over = window.largest(lambda time, y: overshoots(y, reference))
                 with np.errstate(divide="ignore", invalid="ignore"):
-                    value = 100 * float(np.max(overshoots(y, reference) / np.abs(reference)))
-            case "settling_time":
-                value = settling_time(time, y, reference, check.after, check.share)
-            case "motion_settling_time":
-                value = motion_settling_time(time, y, reference, check.after, check.share)
+                    value = 100 * float(np.max(over / np.abs(reference)))
+            case "settling_time" | "motion_settling_time":
+                settling = settling_time if check.measure == "settling_time" else motion_settling_time
+                value = float(window.largest(lambda time, y: settling(time, y, reference, check.after, check.share)))
             case "open_loop_peak" | "decay_time" | "decay_ratio":
-                value = self._against_open_loop(check, key, time, y)
+                value = self._against_open_loop(check, key, window)
         if not check.relative:
             return value
         largest = float(np.max(np.abs(self._target(check, key))))
@@ -112,18 +113,22 @@ class Measurement:
             raise InputError(f"{key}.relative", "needs a target other than zero", source=self._source)
         return 100 * value / largest
 
-    def _against_open_loop(self, check: Check, key: str, time: Array, y: Array) -> float:
+    def _against_open_loop(self, check: Check, key: str, window: Window) -> float:
         """Decay to a fraction of the open loop's peak; a run without `open_loop` is compared with itself."""
-        open_time, open_y = self._window(self._open_loop or self._recording, check, key)
-        peak = float(np.max(np.abs(open_y - open_y[0])))
+        open_loop = self._window(self._open_loop or self._recording, check, key)
+        before = open_loop.begin
+        peak = float(open_loop.largest(lambda time, y: np.max(np.abs(y - before))))
         if check.measure == "open_loop_peak":
             return peak
-        own = decay_time(time, y, y[0], check.after, peak, check.share)
-        if check.measure == "decay_time":
-            return own
-        return decay_time(open_time, open_y, open_y[0], check.after, peak, check.share) / max(own, 1e-9)
 
-    def _window(self, recording: Recording, check: Check, key: str) -> tuple[Array, Array]:
+        def decay(of: Window) -> float:
+            rest = of.begin
+            return float(of.largest(lambda time, y: decay_time(time, y, rest, check.after, peak, check.share)))
+
+        own = decay(window)
+        return own if check.measure == "decay_time" else decay(open_loop) / max(own, 1e-9)
+
+    def _window(self, recording: Recording, check: Check, key: str) -> Window:
         columns = column_indices(recording.columns, check.of)
         if not columns:
             known = dict.fromkeys(c.split("[")[0] for c in recording.columns)
@@ -136,23 +141,22 @@ class Measurement:
                     f"{key}.points", f"must be from 1 to {len(columns)}", check.points, source=self._source
                 )
             columns = [columns[p - 1] for p in check.points]
-        last = recording.time[-1] if check.before is None else check.before
-        rows = (recording.time >= check.after - 1e-9) & (recording.time <= last + 1e-9)
-        if not rows.any():
+        window = Window.between(recording, columns, check.after, check.before)
+        if not window:
             raise InputError(f"{key}.after", "must leave rows of the run to look at", check.after, source=self._source)
-        return recording.time[rows], recording.values[rows][:, columns]
+        return window
 
-    def _reference(self, check: Check, y: Array, key: str) -> Array:
+    def _reference(self, check: Check, window: Window, key: str) -> Array:
+        count = len(window.columns)
         if isinstance(check.reference, list):
-            if len(check.reference) not in (1, y.shape[1]):
-                raise InputError(
-                    f"{key}.reference", f"must have {y.shape[1]} values", check.reference, source=self._source
-                )
-            return np.broadcast_to(np.asarray(check.reference, dtype=float), y.shape[1:])
+            if len(check.reference) not in (1, count):
+                raise InputError(f"{key}.reference", f"must have {count} values", check.reference, source=self._source)
+            return np.broadcast_to(np.asarray(check.reference, dtype=float), (count,))
         if check.reference == "target":
             return self._target(check, key)
-        rows = {"end": y[-1], "start": y[0]}
-        return np.asarray(rows.get(check.reference, np.zeros(y.shape[1])))
+        if check.reference == "end":
+            return window.end
+        return window.begin if check.reference == "start" else np.zeros(count)
 
     def _target(self, check: Check, key: str) -> Array:
         """The target in force at the end of the window, for the selected points."""
@@ -178,10 +182,11 @@ class Measurement:
 
 def standard_metrics(recording: Recording) -> dict[str, float]:
     """Metrics of every run: final deflections and the largest magnitude of each signal."""
+    end = recording.values[-1]
+    largest = np.max([np.max(np.abs(values), axis=0) for _, values in recording.blocks()], axis=0)
     metrics = {}
     for k, column in enumerate(recording.columns):
-        values = recording.values[:, k]
         if ".y_pi[" in column:
-            metrics[f"{column}.end"] = float(values[-1])
-        metrics[f"{column}.largest"] = float(np.max(np.abs(values)))
+            metrics[f"{column}.end"] = float(end[k])
+        metrics[f"{column}.largest"] = float(largest[k])
     return metrics

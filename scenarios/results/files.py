@@ -12,7 +12,7 @@ import orjson
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.results.folder import ResultFolder
-from flexbeams.scenarios.results.formats import mat_bytes, mf4_bytes, parquet_bytes
+from flexbeams.scenarios.results.formats import Output, write_mat, write_mf4, write_parquet
 from flexbeams.scenarios.simulation.recording import Recording
 
 
@@ -34,26 +34,28 @@ def write_formats(
     folder: ResultFolder, recording: Recording, summary: dict[str, Any], formats: Sequence[Format] = ("csv",)
 ) -> None:
     """Writes results.<format> for each format; `summary` is of JSON's types."""
-    writers = {"csv": csv_bytes, "parquet": parquet_bytes, "mat": mat_bytes, "mf4": mf4_bytes}
+    writers = {"csv": write_csv, "parquet": write_parquet, "mat": write_mat, "mf4": write_mf4}
     for kind in formats:
         path = folder.path / f"results.{kind}"
         try:
-            folder.write(path, writers[kind](recording, summary))
+            with folder.writing(path) as file:
+                writers[kind](file, recording, summary)
         except InputError as error:
             raise error if error.source else error.at(str(path)) from None
 
 
-def csv_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
+def write_csv(file: Output, recording: Recording, summary: dict[str, Any]) -> None:
     """A CSV file (RFC 4180) with the shortest digits that give the same double; units in row 2, if recorded."""
-    header = ",".join(map(_quoted, ["time", *recording.columns]))
+    file.write((",".join(map(_quoted, ["time", *recording.columns])) + "\n").encode())
     if recording.units:
-        header += "\n" + ",".join(map(_quoted, ["s", *recording.units]))
-    table = np.column_stack([recording.time, recording.values])
-    if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
-        rows = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n")
-    else:
-        rows = "\n".join(",".join(map(repr, row)) for row in table.tolist()).encode()
-    return header.encode() + b"\n" + rows + b"\n"
+        file.write((",".join(map(_quoted, ["s", *recording.units])) + "\n").encode())
+    for time, values in recording.blocks():
+        table = np.column_stack([time, values])
+        if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
+            rows = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n")
+        else:
+            rows = "\n".join(",".join(map(repr, row)) for row in table.tolist()).encode()
+        file.write(rows + b"\n")
 
 
 def _quoted(text: str) -> str:

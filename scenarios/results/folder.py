@@ -1,25 +1,53 @@
 """A folder of results: one run writes into it at a time, and replaces only what an earlier run wrote there.
 
 summary.json lists the files of a run with their SHA-256 hashes. While a run writes, it says so and lists both the files
-that are being replaced and the new ones: the files of a run that was killed are known to the next one.
+that are being replaced and the new ones: the files of a run that was killed are known to the next one. The rows of a
+long run are in results.partial.npy until its files are written.
 """
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from os.path import lexists
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
-from flexbeams.plant.archive import remove_file, write_whole
+from flexbeams.plant.archive import remove_file, whole_file, write_whole
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.locks import Lock
 
 SUMMARY = "summary.json"
+PARTIAL = "results.partial.npy"
 SCHEMA_VERSION = 1  # of summary.json
+_IN_THE_WAY = "is in the way and was not written by flexbeams; move it, or choose another folder with --out"
+
+
+class HashedFile:
+    """A file being written, with the hash of its content."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._hash = file, hashlib.sha256()
+        self.closed = False  # pyarrow asks
+
+    def write(self, content: bytes) -> int:
+        """Appends the content."""
+        self._hash.update(content)
+        return self._file.write(content)
+
+    def tell(self) -> int:
+        """Bytes written."""
+        return self._file.tell()
+
+    def flush(self) -> None:
+        """Hands what was written to the system."""
+        self._file.flush()
+
+    def hexdigest(self) -> str:
+        """The hash of what was written."""
+        return self._hash.hexdigest()
 
 
 class ResultFolder:
@@ -43,6 +71,7 @@ class ResultFolder:
         self._earlier: dict[str, str] = {}  # files of an earlier run with their hashes
         self._files: dict[str, str] = {}
         self._head: dict[str, Any] = {}
+        self._partial = False  # whether there is, or was, a file of rows
 
     def __enter__(self) -> "ResultFolder":
         return self
@@ -61,13 +90,15 @@ class ResultFolder:
         summary = self._read_summary()
         replaced, written = summary.get("replaced", {}), summary.get("files", {})
         listed = [name for name in {**replaced, **written} if Path(name).name == name]
+        self._partial = summary.get("partial") == PARTIAL
+        if lexists(self.path / PARTIAL) and not self._partial:
+            raise InputError("", _IN_THE_WAY, source=str(self.path / PARTIAL))
         for name in dict.fromkeys([*names, *listed]):
             path = self.path / name
             if name == SUMMARY or not lexists(path):
                 continue
             if name not in listed:
-                rule = "is in the way and was not written by flexbeams; move it, or choose another folder with --out"
-                raise InputError("", rule, source=str(path))
+                raise InputError("", _IN_THE_WAY, source=str(path))
             self._earlier[name] = _hash(path.read_bytes()) if path.is_file() else ""
             if self._earlier[name] not in (replaced.get(name), written.get(name)):
                 rule = "is in the way and was changed after a run wrote it; move it, or use --out"
@@ -79,22 +110,37 @@ class ResultFolder:
         self._head = dict(head)
         self._write_claim()
 
+    def begin_rows(self, head: Mapping[str, Any]) -> Path:
+        """The file for the rows of a long run, which begins; see `begin`."""
+        self._partial = True
+        self.begin(head)
+        return self.path / PARTIAL
+
     def write(self, path: Path, content: bytes) -> None:
         """Writes a file of the run into the folder."""
-        self._files[path.name] = _hash(content)
-        self._write_claim()
-        write_whole(path, content)
+        with self.writing(path) as file:
+            file.write(content)
+
+    @contextmanager
+    def writing(self, path: Path) -> Iterator["HashedFile"]:
+        """A file of the run to write into the folder."""
+        with whole_file(path) as file:
+            hashed = HashedFile(file)
+            yield hashed
+            self._files[path.name] = hashed.hexdigest()
+            self._write_claim()
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Removes files of the earlier run that this one does not have, and writes summary.json."""
-        for name in self._earlier:
+        for name in [*self._earlier, *([PARTIAL] if self._partial else [])]:
             if name not in self._files:
                 remove_file(self.path / name)
         self._write_summary({**_stamp(), **summary, "files": self._files})
 
     def _write_claim(self) -> None:
         lists = {"replaced": self._earlier, "files": self._files}
-        self._write_summary({**_stamp(), **self._head, "complete": False, "unfinished": True, **lists})
+        rows = {"partial": PARTIAL} if self._partial else {}
+        self._write_summary({**_stamp(), **self._head, "complete": False, "unfinished": True, **lists, **rows})
 
     def _write_summary(self, summary: Mapping[str, Any]) -> None:
         write_whole(self.path / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())

@@ -20,7 +20,7 @@ from datetime import UTC, datetime
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.simulation.recording import Recording
 
+_ROWS_IN_GROUP = 2**17  # of a Parquet or MF4 file
+_COPIED = 2**24  # bytes together
 _MAX_NAME_LENGTH = 63  # characters of a MATLAB name
 _MAX_ARRAY_BYTES = 2**31 - 2**16  # bytes of a variable in a MAT file of version 5
 _KEYWORDS = (
@@ -65,23 +67,29 @@ def require_formats(formats: Sequence[Format]) -> None:
             raise InputError("--format", rule)
 
 
-def parquet_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
-    """A file with a column of doubles for the time and for each signal."""
+class Output(Protocol):
+    """A binary file to write."""
+
+    def write(self, content: bytes, /) -> int:
+        """Appends the content."""
+        ...
+
+
+def write_parquet(file: Output, recording: Recording, summary: dict[str, Any]) -> None:
+    """A file with a column of doubles for the time and for each signal; long recordings in groups of rows."""
     import pyarrow
     import pyarrow.parquet
 
     about = {"time": {"unit": "s", "description": "Time"}, **summary.get("signals", {})}
     fields = [pyarrow.field(name, pyarrow.float64(), metadata=about.get(name)) for name in ("time", *recording.columns)]
-    table = pyarrow.table(
-        [recording.time, *recording.values.T],
-        schema=pyarrow.schema(fields, metadata={"flexbeams": json.dumps(summary)}),
-    )
-    buffer = io.BytesIO()
-    pyarrow.parquet.write_table(table, buffer)
-    return buffer.getvalue()
+    schema = pyarrow.schema(fields, metadata={"flexbeams": json.dumps(summary)})
+    with pyarrow.parquet.ParquetWriter(file, schema) as writer:
+        for time, values in recording.blocks(rows=_ROWS_IN_GROUP):
+            columns = [np.ascontiguousarray(column) for column in (time, *values.T)]
+            writer.write_table(pyarrow.table(columns, schema=schema))
 
 
-def mat_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
+def write_mat(file: Output, recording: Recording, summary: dict[str, Any]) -> None:
     """A MAT file of version 5; InputError where an array is too large for that format."""
     from scipy.io import savemat
 
@@ -117,28 +125,35 @@ def mat_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
         long_field_names=True,
         do_compression=True,
     )
-    return b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116) + buffer.getvalue()[116:]  # in place of the date
+    file.write(b"MATLAB 5.0 MAT-file, written by flexbeams".ljust(116))  # in place of the date
+    file.write(buffer.getvalue()[116:])
 
 
-def mf4_bytes(recording: Recording, summary: dict[str, Any]) -> bytes:
+def write_mf4(file: Output, recording: Recording, summary: dict[str, Any]) -> None:
     """An MF4 file with a channel for each signal."""
     from asammdf import MDF, Signal
 
     about = summary.get("signals", {})
+    blocks = recording.blocks(rows=_ROWS_IN_GROUP)
+    time, values = next(blocks)
     signals = [
         Signal(
-            np.ascontiguousarray(recording.values[:, k]),
-            recording.time,
+            np.ascontiguousarray(values[:, k]),
+            np.ascontiguousarray(time),
             name=name,
             unit=about.get(name, {}).get("unit", ""),
             comment=about.get(name, {}).get("description", ""),
         )
         for k, name in enumerate(recording.columns)
     ]
-    with temporary_folder() as folder, MDF(version="4.10") as file:
-        file.start_time = datetime(1980, 1, 1, tzinfo=UTC)  # no date, so that equal runs give equal files
-        file.append(signals, comment=str(summary.get("title", "")), common_timebase=True)
-        return Path(file.save(folder / "results.mf4")).read_bytes()
+    with temporary_folder() as folder, MDF(version="4.10") as measured:
+        measured.start_time = datetime(1980, 1, 1, tzinfo=UTC)  # no date, so that equal runs give equal files
+        measured.append(signals, comment=str(summary.get("title", "")), common_timebase=True)
+        for time, values in blocks:
+            measured.extend(0, [(np.ascontiguousarray(column), None) for column in (time, *values.T)])
+        with Path(measured.save(folder / "results.mf4")).open("rb") as written:
+            while content := written.read(_COPIED):
+                file.write(content)
 
 
 def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, Any]]]:

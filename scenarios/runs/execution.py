@@ -12,11 +12,13 @@ from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.prepare import PreparedRun
+from flexbeams.scenarios.runs.room import MAX_BYTES_IN_MEMORY
 from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.native_stepper import NativeStepper, stepper_library
 from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.row_file import RowFile
 from flexbeams.scenarios.simulation.sensors import measure
 from flexbeams.scenarios.simulation.stepping import SignalBus, Stepper
 
@@ -46,7 +48,10 @@ def execute(
         except UnitFailure as failure:
             raise InputError("", str(failure), source=prepared.source) from None
         recording = simulation.run(
-            prepared.steps, lambda done: observer.progress(done, prepared.steps), prepared.settings.decimate
+            prepared.steps,
+            lambda done: observer.progress(done, prepared.steps),
+            prepared.settings.decimate,
+            _row_file(prepared, observer),
         )
     measure(recording, prepared.scenario.sensor, prepared.step * prepared.settings.decimate)
     if prepared.settings.units_row:
@@ -77,6 +82,13 @@ def loaded_instances(
         instances[name] = _loaded(name, file, folder / f"unit{k}", prepared, observer, budget, library)
         stack.callback(instances[name].close)
     return instances
+
+
+def _row_file(prepared: PreparedRun, observer: Observer) -> RowFile | None:
+    """The file of a long recording; None for one that is kept in memory."""
+    if prepared.recorded_bytes <= MAX_BYTES_IN_MEMORY:
+        return None
+    return RowFile(prepared.wiring.columns, observer.row_path())
 
 
 def _loaded(

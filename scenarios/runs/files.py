@@ -1,7 +1,8 @@
 """Files of a run: results, summary, figures and report."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Figure
@@ -12,6 +13,11 @@ from flexbeams.scenarios.results.folder import SUMMARY, ResultFolder
 from flexbeams.scenarios.results.run import Run
 
 REPORT = "report.html"
+
+
+def summary_head(name: str, changed: Mapping[str, Any]) -> dict[str, Any]:
+    """What summary.json says of a run that is not finished; `changed` as from changed_settings."""
+    return {"scenario": name, "settings": json_values(dict(changed))}
 
 
 def file_names(figures: Sequence[Figure], report: bool, formats: Sequence[Format]) -> list[str]:
@@ -41,10 +47,11 @@ def write_files(
     """Writes results.csv (or other formats), the scenario's figures, report.html and summary.json.
 
     Incomplete runs have neither report nor figures, packages no figures. Figures are drawn by the process if there is
-    one. Raises InputError for a file that cannot be written.
+    one. The rows of a long run that are in a file of the folder are gone then. Raises InputError for a file that cannot
+    be written.
     """
     complete, summary = run.recording.complete, json_values(run.summary)
-    folder.begin({key: summary[key] for key in ("scenario", "settings")})
+    folder.begin(summary_head(run.name, run.summary["settings"]))
     plots = figure_plots(run.scenario, run.recording, folder.path, run.open_loop) if figures and complete else []
     if plots and figure_process:
         figure_process.start(plots)
@@ -63,4 +70,6 @@ def write_files(
         drawn = {}
     for path, content in drawn.items():
         folder.write(path, content)
+    if run.recording.file is not None and run.recording.file.path is not None:
+        run.recording.release()
     folder.finish(summary)

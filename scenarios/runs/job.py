@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from flexbeams.scenarios.results.checks import Outcome
 from flexbeams.scenarios.results.files import json_values
 from flexbeams.scenarios.results.folder import ResultFolder
 from flexbeams.scenarios.results.run import Run
-from flexbeams.scenarios.runs.files import file_names, write_files
+from flexbeams.scenarios.runs.files import file_names, summary_head, write_files
 from flexbeams.scenarios.runs.observer import SILENT, Observer
 from flexbeams.scenarios.runs.package import ExtractedPackage, extracted_package, run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
@@ -115,8 +115,12 @@ def run_job(
     """
     with ResultFolder(job.folder) as folder:
         _require_own(job, folder.require_free(job.files), observer)
-        run = run_experiment(job.experiment, job.settings, observer, designs)
+        head = summary_head(job.name, job.changed)
+        recorded = replace(observer, row_path=lambda: folder.begin_rows(head))
+        settings = replace(job.settings, formats=tuple(job.formats), results_folder=job.folder)
+        run = run_experiment(job.experiment, settings, recorded, designs)
         with deferred_interrupt() as interrupted:
+            status, message = _verdict(run, job.folder)
             write_files(
                 run,
                 folder,
@@ -125,7 +129,8 @@ def run_job(
                 formats=job.formats,
                 figure_process=figure_process,
             )
-    status, message = _verdict(run, job.folder, interrupted())
+            if interrupted() and run.recording.complete:
+                status, message = INTERRUPTED, "interrupted while the results were written; they are complete"
     return JobResult(
         name=run.name,
         status=status,
@@ -149,12 +154,10 @@ def _require_own(job: Job, earlier: dict[str, Any], observer: Observer) -> None:
     observer.notify(f"{job.folder}: replaces {held}")
 
 
-def _verdict(run: Run, folder: Path, interrupted: bool) -> tuple[int, str]:
+def _verdict(run: Run, folder: Path) -> tuple[int, str]:
     recording = run.recording
     if recording.interrupted:
         return INTERRUPTED, f"interrupted at {recording.time[-1]:.6g} s; what was recorded is marked incomplete"
     if recording.failure is not None:
         return FAILED, f"{recording.failure}; what was recorded up to then is in {folder}"
-    if interrupted:
-        return INTERRUPTED, "interrupted while the results were written; they are complete"
     return (OK if run.passed else CHECK_FAILED), ""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 
 def ignore_note(text: str) -> None:
@@ -12,12 +13,20 @@ def ignore_progress(done: int, steps: int) -> None:
     """Ignores progress."""
 
 
+def no_path() -> None:
+    """No file: the rows of a long recording go to a temporary one."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Observer:
-    """Receives notes, one line each, and the progress of stepping: steps done and steps in all."""
+    """Receives notes, one line each, and the progress of stepping: steps done and steps in all.
+
+    `row_path` is asked for the file of the rows before a long recording begins.
+    """
 
     notify: Callable[[str], None] = ignore_note
     progress: Callable[[int, int], None] = ignore_progress
+    row_path: Callable[[], Path | None] = no_path
 
 
 SILENT = Observer()

@@ -22,11 +22,11 @@ from flexbeams.scenarios.runs.execution import execute
 from flexbeams.scenarios.runs.observer import SILENT, Observer, ignore_note
 from flexbeams.scenarios.runs.prepare import PreparedRun, prepare_wiring
 from flexbeams.scenarios.runs.requirements import (
-    require_memory,
     require_one_design,
     require_one_instance_each,
     whole_steps,
 )
+from flexbeams.scenarios.runs.room import require_room
 from flexbeams.scenarios.validation.package import (
     connection_conversion,
     package_declarations,
@@ -127,7 +127,7 @@ def prepare_package(
     starts = start_values(scenario, declarations, settings.overrides, source, sets)
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     steps = whole_steps(scenario, step, settings, source)
-    require_memory(scenario, len(wiring.columns), steps, settings, source)
+    require_room(scenario, len(wiring.columns), steps, settings, source)
     return PreparedRun(
         source=source,
         scenario=scenario,

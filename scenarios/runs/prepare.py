@@ -27,13 +27,13 @@ from flexbeams.scenarios.runs.requirements import (
     require_discrete_signals,
     require_figures,
     require_measurable,
-    require_memory,
     require_one_design,
     require_one_instance_each,
     require_reachable_targets,
     require_sampled_signals,
     whole_steps,
 )
+from flexbeams.scenarios.runs.room import recorded_bytes, require_room
 from flexbeams.scenarios.runs.voltage_limits import note_limits
 from flexbeams.scenarios.simulation.frames import frame_layout
 from flexbeams.scenarios.simulation.sensors import require_sensors
@@ -53,6 +53,11 @@ class PreparedRun:
     starts: dict[str, StartValues]
     wiring: Wiring
     start_time: float = 0.0  # s
+
+    @property
+    def recorded_bytes(self) -> int:
+        """Size of the recorded values with their times."""
+        return recorded_bytes(len(self.wiring.columns), self.steps, self.settings.decimate)
 
     def unit_of(self, column: str) -> str:
         """The unit of measurement of <instance>.<variable>, empty where it has none."""
@@ -115,7 +120,7 @@ def prepare_scenario(
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     require_discrete_signals(wiring, declarations, steps, step, source)
     note_skipped_rows(scenario, wiring, steps, step, notify)
-    require_memory(scenario, len(wiring.columns), steps, settings, source)
+    require_room(scenario, len(wiring.columns), steps, settings, source)
     require_sensors(scenario.sensor, wiring.columns, step * settings.decimate, source)
     scenario = reachable_checks(scenario, settings, source, notify)
     open_loop = None

@@ -23,7 +23,6 @@ from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.wiring import Wiring
 
 _CHUNK = 2**14  # steps whose signals are looked at together
-MAX_RECORDING_BYTES = 2**30  # of recorded values; writing result files takes a multiple of it
 
 
 def whole_steps(scenario: Scenario, step: float, settings: Settings, source: str) -> int:
@@ -85,19 +84,6 @@ def note_skipped_rows(
         if count := skipped_rows(signal, step, steps):
             what = f"rows of {drive.table.file}" if drive.table else "targets"
             notify(f"input[{k}]: {count} {what} have no effect, the next one comes within the same step of {step:g} s")
-
-
-def require_memory(scenario: Scenario, columns: int, steps: int, settings: Settings, source: str) -> None:
-    """InputError for a recording that would take too much memory."""
-    size = 8 * (columns + 1) * (-(-steps // settings.decimate) + 1)
-    if size > MAX_RECORDING_BYTES:
-        raise InputError(
-            "stop_time",
-            f"must leave at most {MAX_RECORDING_BYTES / 1e9:.2g} GB of recorded values, {steps:.3g} steps make "
-            f"{size / 1e9:.3g} GB; record fewer of them with --decimate",
-            scenario.stop_time,
-            source=settings.stop_time_source(source),
-        )
 
 
 def require_one_design(declarations: Mapping[str, InstanceDeclaration], source: str) -> None:

@@ -12,7 +12,7 @@ from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.run import Run, run_summary
 from flexbeams.scenarios.runs.execution import execute
-from flexbeams.scenarios.runs.observer import SILENT, Observer
+from flexbeams.scenarios.runs.observer import SILENT, Observer, no_path
 from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
 from flexbeams.scenarios.runs.requirements import reachable_checks
 from flexbeams.scenarios.simulation.recording import Recording
@@ -98,7 +98,8 @@ def unit_files(prepared: PreparedScenario, notify: Callable[[str], None]) -> dic
 def _run_open_loop(prepared: PreparedScenario, observer: Observer) -> Recording:
     """The run to compare with; KeyboardInterrupt or UnitFailure where it is not complete."""
     observer.notify(f"running {prepared.file.name} to compare with")
-    recording = execute(prepared, unit_files(prepared, observer.notify), observer)
+    own = replace(observer, row_path=no_path)
+    recording = execute(prepared, unit_files(prepared, observer.notify), own)
     if recording.interrupted:
         raise KeyboardInterrupt
     if recording.failure is not None:

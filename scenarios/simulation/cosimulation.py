@@ -15,6 +15,7 @@ from flexbeams.scenarios.simulation.frames import FrameRecorder
 from flexbeams.scenarios.simulation.initialisation import Initialisation
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.recording import Recording, Rows
+from flexbeams.scenarios.simulation.row_file import RowFile
 from flexbeams.scenarios.simulation.stepping import PythonStepper, SignalBus, Stepper
 from flexbeams.scenarios.simulation.wiring import Wiring
 
@@ -75,14 +76,29 @@ class CoSimulation:
         for instance in self._instances.values():
             instance.read()
 
-    def run(self, steps: int, progress: Callable[[int], None] = lambda done: None, decimate: int = 1) -> Recording:
-        """Steps from 0 to steps * step and records every `decimate`-th step and the last one.
+    def run(
+        self,
+        steps: int,
+        progress: Callable[[int], None] = lambda done: None,
+        decimate: int = 1,
+        file: RowFile | None = None,
+    ) -> Recording:
+        """Steps from 0 to steps * step and records every `decimate`-th step and the last one, into `file` if given.
 
         A unit that fails or wants to end, or Ctrl-C, ends the run; the rows until then are kept. Ctrl-C, or a
         KeyboardInterrupt raised by `progress`, takes effect after a block of steps, so that it interrupts no call of a
         unit; a second Ctrl-C is raised at once.
         """
-        rows = Rows(self._bus.signals, self._bus.recorded, steps, decimate)
+        rows = Rows(
+            self._bus.signals,
+            self._bus.recorded,
+            steps,
+            decimate,
+            step=self._step,
+            start_time=self._bus.start_time,
+            converted=self._wiring.converted_columns,
+            file=file,
+        )
         rows.take(0)
         frames = FrameRecorder(self._wiring.frames, self._instances, steps, self._step)
         failure, ended = None, ""
@@ -107,8 +123,7 @@ class CoSimulation:
                     except UnitFailure as error:
                         failure, ended = error, ""
         seconds = clock.perf_counter() - begin
-        recording = rows.recording(self._wiring.columns, done, self._step, seconds, self._wiring.converted_columns)
-        recording.time += self._bus.start_time
+        recording = rows.recording(self._wiring.columns, done, seconds)
         recording.failure, recording.ended = failure, ended
         recording.interrupted = failure is None and not ended and done < steps
         recording.frames = frames.taken()
@@ -131,8 +146,9 @@ class CoSimulation:
                 self._drive(done)
                 frames.take(self._bus.signals)
             count = min(block, steps - done, frames.due - done if frames.due > done else block)
+            count = rows.room(done, count)
             begin = clock.perf_counter()
-            done += self.stepper.advance(done, self._external(done, count), rows.decimate, rows.values)
+            done += self.stepper.advance(done, self._external(done, count), rows.decimate, rows.values, rows.first)
             seconds = clock.perf_counter() - begin
             block = min(2 * block, BLOCK) if seconds < _BLOCK_SECONDS else max(block // 2, 1)
             if done - notified >= min(block, BLOCK) or done == steps:

@@ -130,7 +130,7 @@ class NativeStepper:
         self._pace = None if pace is None else _Pace(started=0.0, seconds_per_step=pace * bus.step, lateness=None)
         self.lateness = None if pace is None else np.zeros(steps)
 
-    def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
+    def advance(self, first: int, external: Array, every: int, rows: Array, first_row: int = 0) -> int:
         """See Stepper.advance."""
         external = np.ascontiguousarray(external)
         pace = None
@@ -139,8 +139,9 @@ class NativeStepper:
                 self._pace.started = self._library.pace_clock()
             self._pace.lateness = self.lateness.ctypes.data + first * self.lateness.itemsize
             pace = ctypes.byref(self._pace)
+        rows_at = rows.ctypes.data - first_row * rows.strides[0]  # of row 0, as the loop counts
         done = self._library.run_block(
-            ctypes.byref(self._run), first, len(external), external.ctypes.data, every, rows.ctypes.data, pace
+            ctypes.byref(self._run), first, len(external), external.ctypes.data, every, rows_at, pace
         )
         return self._require(int(done), len(external))
 

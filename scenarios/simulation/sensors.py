@@ -39,29 +39,51 @@ def require_sensors(sensors: Sequence[Sensor], columns: Sequence[str], row_step:
 
 
 def measure(recording: Recording, sensors: Sequence[Sensor], row_step: float) -> None:
-    """Replaces the values of the sensors' columns by what these record."""
-    for sensor in sensors:
-        for name in element_names(dict.fromkeys(recording.columns), sensor.of):
-            column = recording.values[:, recording.columns.index(name)]
-            column[:] = measured(name, column, sensor, recording.time, row_step)
+    """Replaces the values of the sensors' columns by what these record; rows are `row_step` s apart."""
+    instruments = {
+        recording.columns.index(name): Instrument(name, sensor, row_step)
+        for sensor in sensors
+        for name in element_names(dict.fromkeys(recording.columns), sensor.of)
+    }
+
+    def show(time: Array, values: Array, last: bool) -> None:
+        for column, instrument in instruments.items():
+            values[:, column] = instrument.shows(time, values[:, column], last)
+
+    if instruments:
+        recording.change(show)
 
 
-def measured(name: str, values: Array, sensor: Sensor, time: Array, row_step: float) -> Array:
-    """A column (rows,) as its sensor records it: delayed, then with white noise, then rounded to its resolution.
+class Instrument:
+    """A column as its sensor records it, block after block: delayed, with white noise, rounded to its resolution.
 
-    `time` (rows,) in s has steps of `row_step` s; the last one may be shorter. Before the delay has passed, the sensor
-    shows the first value. The noise of a column depends on its name and the sensor's seed only, so that other columns
-    and a later stop time do not change it.
+    Before the delay has passed, the sensor shows the first value. The noise of a column depends on its name and the
+    sensor's seed only, so that other columns and a later stop time do not change it.
     """
-    rows = min(round(sensor.delay / row_step), len(values))
-    if rows:
-        delayed = np.concatenate([np.full(rows, values[0]), values[: len(values) - rows]])
-        if len(time) > 1 and time[-1] - time[-2] < (1 - WHOLE) * row_step:
-            delayed[-1] = np.interp(time[-1] - sensor.delay, time, values)
-        values = delayed
-    if sensor.noise:
-        generator = np.random.default_rng([sensor.seed, crc32(name.encode())])
-        values = values + sensor.noise * generator.standard_normal(len(values))
-    if sensor.resolution:
-        values = sensor.resolution * np.round(values / sensor.resolution) + 0.0  # no negative zero
-    return values
+
+    def __init__(self, name: str, sensor: Sensor, row_step: float) -> None:
+        self._sensor, self._row_step = sensor, row_step
+        self._rows = round(sensor.delay / row_step)
+        self._time, self._values = np.empty(0), np.empty(0)  # true values that a later row may show
+        self._noise = np.random.default_rng([sensor.seed, crc32(name.encode())])
+
+    def shows(self, time: Array, values: Array, last: bool) -> Array:
+        """What it shows of the next rows (k,); the last step of the last block may be shorter."""
+        sensor = self._sensor
+        if self._rows:
+            values = self._delayed(time, values, last)
+        if sensor.noise:
+            values = values + sensor.noise * self._noise.standard_normal(len(values))
+        if sensor.resolution:
+            values = sensor.resolution * np.round(values / sensor.resolution) + 0.0  # no negative zero
+        return values
+
+    def _delayed(self, time: Array, values: Array, last: bool) -> Array:
+        known = np.concatenate([self._values, values])
+        times = np.concatenate([self._time, time])
+        first = len(self._values) - self._rows  # of the shown rows among the known ones
+        shown = known[np.maximum(np.arange(first, first + len(values)), 0)]
+        if last and len(times) > 1 and times[-1] - times[-2] < (1 - WHOLE) * self._row_step:
+            shown[-1] = np.interp(times[-1] - self._sensor.delay, times, known)
+        self._time, self._values = times[-self._rows - 1 :], known[-self._rows - 1 :]
+        return shown

@@ -32,11 +32,11 @@ Move = Callable[[int, int, int], int]
 class Stepper(Protocol):
     """Advances all instances by blocks."""
 
-    def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
+    def advance(self, first: int, external: Array, every: int, rows: Array, first_row: int = 0) -> int:
         """Steps from number `first` on, a row of `external` (count, n_external) each; returns the steps done.
 
-        Before each step the recorded signals are copied to row ceil(number / every) of `rows`. Raises UnitFailure, with
-        the number of the failed step in `done`.
+        Before each step the recorded signals are copied to row ceil(number / every) of the recording; `rows` begin
+        with its row `first_row`. Raises UnitFailure, with the number of the failed step in `done`.
         """
         ...
 
@@ -63,7 +63,7 @@ class PythonStepper:
         self._instances, self._bus, self._done = instances, bus, 0
         self.lateness: Array | None = None
 
-    def advance(self, first: int, external: Array, every: int, rows: Array) -> int:
+    def advance(self, first: int, external: Array, every: int, rows: Array, first_row: int = 0) -> int:
         """See Stepper.advance."""
         bus = self._bus
         move = self._jacobi if bus.coupling == "jacobi" else self._gauss_seidel
@@ -71,7 +71,7 @@ class PythonStepper:
         self._done = first
         for row in external:
             driven[:] = row
-            bus.signals.take(bus.recorded, out=rows[-(-self._done // every)], mode="clip")
+            bus.signals.take(bus.recorded, out=rows[-(-self._done // every) - first_row], mode="clip")
             move(bus.start_time + self._done * bus.step)
             self._done += 1
         return len(external)

@@ -70,7 +70,15 @@ class Stepwise(CoSimulation):
         super().__init__(instances, wiring, step, coupling, stepper, start_time)
         self.steps, self.signals = steps, self._bus.signals
         self._states = UnitStates(instances)
-        self._rows = Rows(self._bus.signals, self._bus.recorded, steps, decimate)
+        self._rows = Rows(
+            self._bus.signals,
+            self._bus.recorded,
+            steps,
+            decimate,
+            step=step,
+            start_time=start_time,
+            converted=wiring.converted_columns,
+        )
         self._frames = FrameRecorder(wiring.frames, instances, steps, step)
         self._external_rows = np.zeros((BLOCK, self._bus.external.stop - self._bus.external.start))
         self._move: Move = self.stepper.bound(self._external_rows, decimate, self._rows.values)
@@ -214,9 +222,9 @@ class Stepwise(CoSimulation):
             self._frames.take(self.signals)
         self._rows.take(done)
         rows = self._rows.copy(done)
-        recording = rows.recording(self._wiring.columns, done, self._step, 0.0, self._wiring.converted_columns)
+        recording = rows.recording(self._wiring.columns, done, 0.0)
         skipped = -(-self._first // rows.decimate)
-        recording.time = recording.time[skipped:] + self._bus.start_time
+        recording.time = recording.time[skipped:]
         recording.values = recording.values[skipped:]
         recording.failure, recording.ended = self._failure, self.ended
         recording.frames = self._frames.taken() if self._first == 0 else None

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from decimal import Decimal
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results import formats
 from flexbeams.scenarios.results.files import read_results, write_results
-from flexbeams.scenarios.results.formats import mat_bytes, matlab_names, parquet_bytes, require_formats
+from flexbeams.scenarios.results.formats import matlab_names, require_formats, write_mat, write_mf4, write_parquet
 from flexbeams.scenarios.simulation.recording import Recording, step_times
 from tests.units.lag_interface import lag_unit
 
@@ -41,9 +42,14 @@ def recording() -> Recording:
     return Recording(time=np.arange(7) * 2e-4, columns=COLUMNS, values=values, wall_seconds=0.1)
 
 
+def written(write: Callable[..., None], path: Path, recording: Recording, summary: dict[str, Any]) -> None:
+    with path.open("wb") as file:
+        write(file, recording, summary)
+
+
 def test_parquet_holds_the_columns_of_the_csv(tmp_path: Path, recording: Recording) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    (tmp_path / "results.parquet").write_bytes(parquet_bytes(recording, SUMMARY))
+    written(write_parquet, tmp_path / "results.parquet", recording, SUMMARY)
     table = parquet.read_table(tmp_path / "results.parquet")
     assert table.column_names == ["time", *COLUMNS]
     np.testing.assert_array_equal(
@@ -53,7 +59,7 @@ def test_parquet_holds_the_columns_of_the_csv(tmp_path: Path, recording: Recordi
 
 
 def test_mat_holds_a_struct_for_each_instance(tmp_path: Path, recording: Recording) -> None:
-    (tmp_path / "results.mat").write_bytes(mat_bytes(recording, SUMMARY))
+    written(write_mat, tmp_path / "results.mat", recording, SUMMARY)
     file = loadmat(tmp_path / "results.mat", simplify_cells=False)
     np.testing.assert_array_equal(file["time"], recording.time[:, None])
     plant = file["plant"][0, 0]
@@ -73,9 +79,9 @@ def test_mat_holds_a_struct_for_each_instance(tmp_path: Path, recording: Recordi
 def test_mat_files_of_one_recording_are_equal(
     tmp_path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "a.mat").write_bytes(mat_bytes(recording, SUMMARY))
+    written(write_mat, tmp_path / "a.mat", recording, SUMMARY)
     monkeypatch.setattr("time.asctime", lambda *_: "another day")
-    (tmp_path / "b.mat").write_bytes(mat_bytes(recording, SUMMARY))
+    written(write_mat, tmp_path / "b.mat", recording, SUMMARY)
     assert (tmp_path / "a.mat").read_bytes() == (tmp_path / "b.mat").read_bytes()
 
 
@@ -223,12 +229,12 @@ SIGNALS = {name: {"unit": "m", "description": f"what {name} is"} for name in COL
 
 def test_parquet_and_mat_have_units_and_descriptions(tmp_path: Path, recording: Recording) -> None:
     summary = {**SUMMARY, "signals": SIGNALS}
-    (tmp_path / "a.mat").write_bytes(mat_bytes(recording, summary))
+    written(write_mat, tmp_path / "a.mat", recording, summary)
     file = loadmat(tmp_path / "a.mat", simplify_cells=True)
     assert list(file["units"]["plant"]["w"]) == ["m", "m"]
     assert list(file["descriptions"]["plant"]["w"]) == ["what plant.w[1,2] is", "what plant.w[3,2] is"]
     parquet = pytest.importorskip("pyarrow.parquet")
-    (tmp_path / "a.parquet").write_bytes(parquet_bytes(recording, summary))
+    written(write_parquet, tmp_path / "a.parquet", recording, summary)
     schema = parquet.read_schema(tmp_path / "a.parquet")
     assert schema.field("time").metadata[b"unit"] == b"s"
     for name in COLUMNS:
@@ -239,8 +245,7 @@ def test_parquet_and_mat_have_units_and_descriptions(tmp_path: Path, recording: 
 def test_mf4_has_a_channel_with_unit_for_each_column(tmp_path: Path, recording: Recording) -> None:
     from asammdf import MDF
 
-    content = formats.mf4_bytes(recording, {**SUMMARY, "signals": SIGNALS})
-    (tmp_path / "a.mf4").write_bytes(content)
+    written(write_mf4, tmp_path / "a.mf4", recording, {**SUMMARY, "signals": SIGNALS})
     with MDF(tmp_path / "a.mf4") as file:
         for k, name in enumerate(COLUMNS):
             channel = file.get(name)

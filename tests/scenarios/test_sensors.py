@@ -6,16 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.schema import Sensor
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.results.reading import read_recording
 from flexbeams.scenarios.simulation.recording import Recording
-from flexbeams.scenarios.simulation.sensors import measure, measured, require_sensors
+from flexbeams.scenarios.simulation.sensors import Instrument, measure, require_sensors
 
 TIME = 1e-3 * np.arange(1000)
 WAVE = np.sin(20 * TIME)
+
+
+def measured(name: str, values: Array, sensor: Sensor, time: Array, row_step: float) -> Array:
+    return Instrument(name, sensor, row_step).shows(time, values, True)
 
 
 def test_a_delay_shows_earlier_values_and_the_first_one_before() -> None:
