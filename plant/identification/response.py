@@ -6,8 +6,10 @@ z' = lambda z + v with v held over each step, and the derivatives of z, are samp
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil, factorial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from flexbeams.plant.basis import Array
@@ -35,42 +37,47 @@ class ModeResponses:
     """z and its derivatives for modes k and channels c at the samples less a delay."""
 
     z: ComplexArray  # (k, c, rows)
-    slope: ComplexArray  # (k, c, rows): dz/dlambda
-    rate: ComplexArray  # (k, c, rows): dz/dt
-    pairs: ComplexArray  # (pairs, c, rows): response of one mode of a near pair to the other
+    signals: Array  # (c, rows)
+    slope: ComplexArray  # (k, c, rows): dz/dlambda; (0, c, rows) where slopes are not asked for
+    pairs: ComplexArray  # (pairs, c, rows): response of one mode of a near pair to the other; as slope
 
     def every(self, first: int, stride: int) -> "ModeResponses":
         """Every `stride`-th row from `first` on."""
         return ModeResponses(
             z=self.z[..., first::stride],
+            signals=self.signals[..., first::stride],
             slope=self.slope[..., first::stride],
-            rate=self.rate[..., first::stride],
             pairs=self.pairs[..., first::stride],
         )
 
 
-def mode_responses(form: ModalForm, channels: list[Channel], step: float, delay: float = 0.0) -> ModeResponses:
-    """The responses of the kept modes, each column taken `delay` >= 0 seconds earlier than its row."""
-    poles, pairs = form.poles, form.pairs
+def mode_responses(
+    form: ModalForm, channels: list[Channel], step: float, delay: float = 0.0, *, slopes: bool = True
+) -> ModeResponses:
+    """The responses of the kept modes, each column taken `delay` >= 0 seconds earlier than its row.
+
+    Without `slopes`, only z and the signals.
+    """
+    poles, pairs = form.poles, form.pairs if slopes else ()
     rows = len(channels[0].signal)
     z = np.empty((len(poles), len(channels), rows), dtype=complex)
-    slope = np.empty_like(z)
+    slope = np.empty_like(z) if slopes else np.empty((0, *z.shape[1:]), dtype=complex)
     coupled = np.empty((len(pairs), len(channels), rows), dtype=complex)
     growth, gain, bend = np.exp(poles * step), step * phi(poles * step), step**2 * phi_slope(poles * step)
     for c, channel in enumerate(channels):
         held = channel.signal[:-1]
         for k, pole in enumerate(poles):
-            start = channel.impulse - channel.rest / pole
-            z[k, c] = _recursion(growth[k], start, gain[k] * held)
-            forcing = step * growth[k] * z[k, c, :-1] + bend[k] * held
-            slope[k, c] = _recursion(growth[k], channel.rest / pole**2, forcing)
+            z[k, c] = _recursion(growth[k], channel.impulse - channel.rest / pole, gain[k] * held)
+            if slopes:
+                forcing = step * growth[k] * z[k, c, :-1] + bend[k] * held
+                slope[k, c] = _recursion(growth[k], channel.rest / pole**2, forcing)
         for p, (i, j) in enumerate(pairs):
             across, along = _pair_gains(poles[i], poles[j], step)
             start = channel.rest / (poles[i] * poles[j])
             coupled[p, c] = _recursion(growth[i], start, across * z[j, c, :-1] + along * held)
     signals = np.stack([channel.signal for channel in channels])
-    responses = ModeResponses(z=z, slope=slope, rate=poles[:, None, None] * z + signals, pairs=coupled)
-    return responses if delay == 0 else _delayed(responses, form, channels, signals, step, delay)
+    responses = ModeResponses(z=z, signals=signals, slope=slope, pairs=coupled)
+    return responses if delay == 0 else _delayed(responses, form, channels, step, delay)
 
 
 def _recursion(growth: complex, start: complex, forcing: ComplexArray) -> ComplexArray:
@@ -87,31 +94,34 @@ def _pair_gains(first: complex, second: complex, step: float) -> tuple[complex, 
 
 
 def _delayed(
-    responses: ModeResponses, form: ModalForm, channels: list[Channel], signals: Array, step: float, delay: float
+    responses: ModeResponses, form: ModalForm, channels: list[Channel], step: float, delay: float
 ) -> ModeResponses:
     """The responses `delay` seconds earlier: whole samples by shifting, the rest by a shorter exact step."""
     samples = ceil(delay / step - 1e-9)
     ahead = samples * step - delay
-    poles = form.poles[:, None, None]
+    poles, signals = form.poles[:, None, None], responses.signals
     growth, gain, bend = np.exp(poles * ahead), ahead * phi(poles * ahead), ahead**2 * phi_slope(poles * ahead)
     z = growth * responses.z + gain * signals
-    slope = growth * responses.slope + ahead * growth * responses.z + bend * signals
+    slope = responses.slope
+    if len(slope):
+        slope = growth * slope + ahead * growth * responses.z + bend * signals
     coupled = np.empty_like(responses.pairs)
-    for p, (i, j) in enumerate(form.pairs):
+    pairs = form.pairs[: len(coupled)]
+    for p, (i, j) in enumerate(pairs):
         across, along = _pair_gains(form.poles[i], form.poles[j], ahead)
         coupled[p] = growth[i] * responses.pairs[p] + across * responses.z[j] + along * signals
     rest = np.array([channel.rest for channel in channels])[None, :]
-    product = np.array([form.poles[i] * form.poles[j] for i, j in form.pairs])
+    product = np.array([form.poles[i] * form.poles[j] for i, j in pairs])
     return ModeResponses(
         z=_shifted(z, -rest / form.poles[:, None], samples),
-        slope=_shifted(slope, rest / form.poles[:, None] ** 2, samples),
-        rate=_shifted(poles * z + signals, np.zeros((len(form.poles), len(channels))), samples),
+        signals=_shifted(signals, rest[0], samples),
+        slope=_shifted(slope, (rest / form.poles[:, None] ** 2)[: len(slope)], samples),
         pairs=_shifted(coupled, rest / product[:, None], samples),
     )
 
 
-def _shifted(values: ComplexArray, before: ComplexArray | Array, samples: int) -> ComplexArray:
-    """Values (k, c, rows) moved back by so many samples, filled with `before` (k, c)."""
+def _shifted(values: NDArray[Any], before: ComplexArray | Array, samples: int) -> NDArray[Any]:
+    """Values (..., rows) moved back by so many samples, filled with `before` (...)."""
     if samples == 0:
         return values
     shifted = np.empty_like(values)

@@ -127,9 +127,9 @@ def _predict_group(
     stride: int,
 ) -> Prediction:
     """The prediction of the sensors `group`, which share one delay."""
-    responses = mode_responses(form, channels, drive.experiment.step, delay).every(
-        drive.experiment.first_counted, stride
-    )
+    whole = mode_responses(form, channels, drive.experiment.step, delay, slopes=bool(derivatives))
+    responses = whole.every(drive.experiment.first_counted, stride)
+    rate = form.poles[:, None, None] * responses.z + responses.signals  # dz/dt
     sensor_rows = drive.rows[group]
     directions = np.stack([channel.direction for channel in channels], axis=1)  # (m, c)
     shapes = sensor_rows @ form.right[:, form.kept]  # (s, k)
@@ -138,14 +138,15 @@ def _predict_group(
     residues = weighted[:, :, None] * inputs
     z = _features(responses.z)
     outputs = _coefficients(residues) @ z
-    delayed = -_coefficients(residues) @ _features(responses.rate)
+    delayed = -_coefficients(residues) @ _features(rate)
     count, sensors, rows = len(derivatives), len(group), z.shape[1]
     blocks = [
         np.hstack([_coefficients(part) for part in _parts(form, derivative, sensor_rows, directions, weighted, inputs)])
         for derivative in derivatives
     ]
-    features = np.vstack([z, _features(responses.slope), _features(responses.pairs)])
-    parameters = (np.vstack(blocks) @ features) if blocks else np.empty((0, rows))
+    parameters = np.empty((0, rows))
+    if blocks:
+        parameters = np.vstack(blocks) @ np.vstack([z, _features(responses.slope), _features(responses.pairs)])
     return Prediction(
         outputs=outputs,
         delay=delayed,

@@ -13,21 +13,23 @@ from flexbeams.plant.static_maps import StaticMaps
 
 SHORTEST = 1.0  # s, of a plateau whose end counts as rest
 RESTING = 30.0  # weight of what is measured before anything moves: it sets the offset
-LAST, LATER = 0.7, 0.45  # shares of a plateau that are averaged
+LAST = 0.7  # share of a plateau that is averaged
+LATER = (0.6, 0.5, 0.42, 0.35)  # shares whose means show what is left of oscillations
 
 
 def static_maps_of(experiments: Sequence[Experiment], *, pairs: int, points: int, gauges: int) -> StaticMaps:
     """The gains by regression over all plateaus of constant voltage, an offset for each file, and 95 % intervals.
 
     The value of a plateau is a Hann-weighted mean over its last part, in which oscillations about the rest cancel. What
-    is left of them repeats from step to step, so that no scatter shows it; the difference to the mean over a shorter
-    part goes into the intervals. Raises InputError where a sensor is missing or the plateaus do not tell the pairs
-    apart.
+    is left of them repeats from step to step, so that no scatter shows it; the largest difference to means over shorter
+    parts goes into the intervals. So does the noise: the larger one of what white noise of the rows' size does to the
+    means, and of the scatter of the plateaus about the fit. Raises InputError where a sensor is missing or the plateaus
+    do not tell the pairs apart.
     """
     for experiment in experiments:
         if set(experiment.sensors) != set(range(points + gauges)):
             raise InputError("", "must have the columns of all sensors for static gains", source=experiment.name)
-    regressors, answers = _equations(experiments, LAST)
+    regressors, answers, variances = _equations(experiments, LAST)
     largest = max(float(np.max(np.abs(regressors[:, :pairs]), initial=0.0)), 1e-300)
     scaled = np.hstack([regressors[:, :pairs] / largest, regressors[:, pairs:]])
     if np.linalg.matrix_rank(scaled, tol=1e-6) < scaled.shape[1]:
@@ -39,11 +41,13 @@ def static_maps_of(experiments: Sequence[Experiment], *, pairs: int, points: int
     inverse = np.linalg.pinv(scaled)
     gains = inverse @ answers
     spare = len(scaled) - scaled.shape[1]
-    half = np.abs(inverse @ (_equations(experiments, LATER)[1] - answers))
+    left = np.max([np.abs(inverse @ (_equations(experiments, share)[1] - answers)) for share in LATER], axis=0)
+    noise = 1.96 * np.sqrt(inverse**2 @ variances)
     if spare > 0:
         deviation = np.sqrt(np.sum((answers - scaled @ gains) ** 2, axis=0) / spare)
         spread = np.sqrt(np.diag(np.linalg.inv(scaled.T @ scaled)))
-        half = np.hypot(half, student.ppf(0.975, spare) * np.outer(spread, deviation))
+        noise = np.maximum(noise, student.ppf(0.975, spare) * np.outer(spread, deviation))
+    half = np.hypot(left, noise)
     maps = np.asarray(gains[:pairs].T / largest, dtype=np.float64)
     widths = np.asarray(half[:pairs].T / largest, dtype=np.float64)
     return StaticMaps(
@@ -54,9 +58,10 @@ def static_maps_of(experiments: Sequence[Experiment], *, pairs: int, points: int
     )
 
 
-def _equations(experiments: Sequence[Experiment], share: float) -> tuple[Array, Array]:
-    """Voltages and file offsets (k, n_u + files) of the plateaus, sensors' means (k, n_s) over their last share."""
-    rows, values = [], []
+def _equations(experiments: Sequence[Experiment], share: float) -> tuple[Array, Array, Array]:
+    """Voltages and file offsets (k, n_u + files) of the plateaus, sensors' means over their last share and the
+    variances of these by white noise (k, n_s), whose size the differences of neighbouring rows show."""
+    rows, values, variances = [], [], []
     for number, experiment in enumerate(experiments):
         order = np.argsort(experiment.sensors)
         for first, last in _plateaus(experiment):
@@ -66,9 +71,13 @@ def _equations(experiments: Sequence[Experiment], share: float) -> tuple[Array, 
             rows.append(certainty * np.concatenate([experiment.voltages[first], offsets]))
             begin = 0 if first == 0 else first + int((1 - share) * (last - first))
             weights = np.hanning(last - begin + 2)[1:-1]
-            values.append(certainty * weights @ experiment.outputs[begin:last][:, order] / np.sum(weights))
+            weights = certainty * weights / np.sum(weights)
+            outputs = experiment.outputs[begin:last][:, order]
+            values.append(weights @ outputs)
+            variances.append(np.sum(weights**2) * np.mean(np.diff(outputs, axis=0) ** 2, axis=0) / 2)
     width = experiments[0].voltages.shape[1] + len(experiments)
-    return np.array(rows).reshape(-1, width), np.array(values).reshape(len(rows), -1)
+    shape = (len(rows), -1)
+    return np.array(rows).reshape(-1, width), np.array(values).reshape(shape), np.array(variances).reshape(shape)
 
 
 def _plateaus(experiment: Experiment) -> list[tuple[int, int]]:

@@ -17,7 +17,9 @@ from flexbeams.plant.identification.method import identify as identified
 from flexbeams.plant.identification.plausibility import require_plausible
 from flexbeams.plant.identification.reading import Column, Reading, read_experiment
 from flexbeams.plant.identification.space import ParameterSpace, parameter_space, select
+from flexbeams.plant.identification.static import static_maps_of
 from flexbeams.plant.identification.writing import write_identified
+from flexbeams.plant.static_maps import StaticMaps
 from flexbeams.plant.structure import Structure, find_structure, read_structure
 from flexbeams.scenarios.report.identification import write_identification
 from flexbeams.scenarios.runs.observer import ignore_note
@@ -121,6 +123,24 @@ def identify(
     if report is not None:
         write_identification(result, Path(report))
     return result
+
+
+def static_maps(
+    *files: File,
+    structure: File = "kiel",
+    columns: Mapping[str, str | tuple[str, float]] | None = None,
+    window: tuple[float | None, float | None] = (None, None),
+) -> StaticMaps:
+    """The static gains of each patch pair from measured steps, with 95 % intervals; arguments as those of `identify`.
+
+    Raises InputError where a sensor is missing or the steps do not tell the pairs apart.
+    """
+    beams = read_structure(find_structure(str(structure)))
+    reading = reading_of(columns or {}, window)
+    experiments = [read_experiment(Path(file), beams, reading) for file in files]
+    return static_maps_of(
+        experiments, pairs=len(beams.patch), points=len(beams.point_of_interest), gauges=len(beams.strain_gauge)
+    )
 
 
 def _experiments(

@@ -119,19 +119,11 @@ def static(
     files: tuple[Path, ...], structure: str | None, mapping: tuple[str, ...], window: str | None, out: Path
 ) -> int:
     """Measure the static gains of each patch pair, with 95 % intervals, for `static_maps` of a design."""
-    from flexbeams.plant.identification.reading import read_experiment
-    from flexbeams.plant.identification.static import static_maps_of
     from flexbeams.plant.static_maps import write_static_maps
-    from flexbeams.plant.structure import find_structure, read_structure
-    from flexbeams.scenarios.api.identifications import reading_of
+    from flexbeams.scenarios.api.identifications import static_maps
     from flexbeams.scenarios.cli.identify_options import columns_of, window_of
 
-    beams = read_structure(find_structure(structure or "kiel"))
-    reading = reading_of(columns_of(mapping), window_of(window))
-    experiments = [read_experiment(path, beams, reading) for path in files]
-    maps = static_maps_of(
-        experiments, pairs=len(beams.patch), points=len(beams.point_of_interest), gauges=len(beams.strain_gauge)
-    )
+    maps = static_maps(*files, structure=structure or "kiel", columns=columns_of(mapping), window=window_of(window))
     write_static_maps(maps, out, "Measured static gains with half widths of 95 % intervals")
     say(out)
     return 0

@@ -25,6 +25,9 @@ TOUR = (  # order of the shipped scenarios in a list; others follow by name
     "mismatch",
     "offset_free",
     "offset_free_high_fidelity",
+    "identification_steps",
+    "identified",
+    "identified_offset_free",
     "single_beam",
     "five_beams",
 )

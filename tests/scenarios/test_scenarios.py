@@ -34,6 +34,9 @@ NAMES = (
     "mismatch",
     "offset_free",
     "offset_free_high_fidelity",
+    "identification_steps",
+    "identified",
+    "identified_offset_free",
     "single_beam",
     "five_beams",
 )

@@ -163,6 +163,26 @@ def test_static_gains_within_their_intervals() -> None:
     assert np.mean(inside) > 0.9
 
 
+@pytest.mark.parametrize(("plateau", "noise"), [(5.0, 0.0), (5.0, 0.002), (9.0, 0.001)])
+def test_intervals_of_one_record_with_as_many_steps_as_pairs(plateau: float, noise: float) -> None:
+    """No plateau is left over to show scatter, and oscillations last longer than a plateau."""
+    wanted = np.vstack(static_gains(MODEL, MODEL.assemble()))
+    inside = []
+    for seed in range(3):
+        rows = int(plateau * (1 + 0.07 * seed) / 5e-3)
+        voltages = np.vstack([np.zeros((80, 4)), *(np.tile(pattern, (rows, 1)) for pattern in PATTERNS)])
+        record = replace(steps(PATTERNS[:1], 10, rows=len(voltages))[0], voltages=voltages)
+        maps = static_maps_of(
+            measured(MODEL, STRUCTURE.parameters(), [record], noise, seed), pairs=4, points=4, gauges=6
+        )
+        assert maps.deflection_interval is not None
+        assert maps.strain_interval is not None
+        half = np.vstack([maps.deflection_interval, maps.strain_interval])
+        inside.append(np.abs(np.vstack([maps.deflection, maps.strain]) - wanted) < half)
+        assert np.max(half / np.max(np.abs(wanted), axis=1, keepdims=True)) < 0.015
+    assert np.mean(inside) > 0.93
+
+
 def test_pairs_that_never_move_alone_have_no_gains(data: list[Experiment]) -> None:
     with pytest.raises(InputError, match="do not tell 4 pairs and the offsets apart"):
         static_maps_of(data[:1], pairs=4, points=4, gauges=6)
