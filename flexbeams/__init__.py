@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from flexbeams.scenarios.api.designs import design, structure
     from flexbeams.scenarios.api.exports import export
     from flexbeams.scenarios.api.identifications import identify
-    from flexbeams.scenarios.api.runs import run
+    from flexbeams.scenarios.api.runs import load, run
     from flexbeams.scenarios.api.simulations import simulation
     from flexbeams.scenarios.api.units import build
 
@@ -27,6 +27,7 @@ __all__ = [
     "design",
     "export",
     "identify",
+    "load",
     "run",
     "simulation",
     "structure",
@@ -39,6 +40,7 @@ _MODULES = {
     "design": "flexbeams.scenarios.api.designs",
     "export": "flexbeams.scenarios.api.exports",
     "identify": "flexbeams.scenarios.api.identifications",
+    "load": "flexbeams.scenarios.api.runs",
     "run": "flexbeams.scenarios.api.runs",
     "simulation": "flexbeams.scenarios.api.simulations",
     "structure": "flexbeams.scenarios.api.designs",

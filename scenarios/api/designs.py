@@ -22,6 +22,13 @@ def structure(name: str | Path = "kiel") -> Structure:
     ------
     InputError
         Where there is no such structure, or a value of the file breaks a rule.
+
+    Examples
+    --------
+    >>> import flexbeams as fb
+    >>> kiel = fb.structure("kiel")
+    >>> len(kiel.beam), kiel.beam[0].length
+    (3, 0.4)
     """
     return read_structure(find_structure(str(name)))
 

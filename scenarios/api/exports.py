@@ -63,6 +63,12 @@ def export(
         written.
     BuildError
         Where a tool is missing or fails.
+
+    Examples
+    --------
+    >>> import flexbeams as fb
+    >>> fb.export("single_beam", "single_beam.ssp").name
+    'single_beam.ssp'
     """
     chosen = _format(format, file, options)
     extra = _format_options(chosen, options)

@@ -99,8 +99,13 @@ def identify(
     Examples
     --------
     >>> import flexbeams as fb
-    >>> result = fb.identify("a.csv", "b.csv", structure="start.toml", known={"beam[1].tip_mass": 0.0202})
-    >>> result.structure.beam[0].youngs_modulus, result.fitted[0].deviation
+    >>> start = {"plant.beam[1].youngs_modulus": 6.3e10, "plant.strain_noise_std": 1e-6}
+    >>> stiffer = fb.run("single_beam", start=start, decimate=10)
+    >>> file = stiffer.save("results/stiffer", figures=False, report=False) / "results.csv"
+    >>> columns = {"u[1]": "plant.u[1]"}
+    >>> result = fb.identify(file, structure="single_beam", free=["beam[1].youngs_modulus"], columns=columns)
+    >>> f"{result.structure.beam[0].youngs_modulus:.3g}"
+    '6.3e+10'
     """
     start = find_structure(str(structure))
     beams = read_structure(start)

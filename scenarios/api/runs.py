@@ -9,9 +9,11 @@ from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.job import opened_experiment, run_experiment
 from flexbeams.scenarios.runs.observer import Observer, ignore_note
+from flexbeams.scenarios.runs.run_view import RunView, load
+
+__all__ = ["load", "run"]
 
 
 def run(
@@ -30,7 +32,7 @@ def run(
     build_folder: str | Path | None = None,
     kinds: Sequence[UnitKind] = (),
     notify: Callable[[str], None] = ignore_note,
-) -> Run:
+) -> RunView:
     """Runs a scenario or an SSP package and measures its checks; writes no result files.
 
     Units that are missing are built first.
@@ -57,6 +59,11 @@ def run(
     notify
         Receives notes, one line each.
 
+    Returns
+    -------
+    RunView
+        A mapping of arrays by name, with `time`, `checks`, `units`, `save` and tables of pandas and xarray.
+
     Raises
     ------
     FlexbeamsError
@@ -65,8 +72,11 @@ def run(
     Examples
     --------
     >>> import flexbeams as fb
-    >>> fb.run("tracking", start={"plant.strain_noise_std": 1e-7}, stop_time=2.0).recording.values.shape
-    (10001, 35)
+    >>> run = fb.run("tracking", start={"plant.strain_noise_std": 1e-7}, stop_time=2.0)
+    >>> run["plant.y_pi"].shape, run["controller.u[1]"].shape, run.units["controller.u"]
+    ((10001, 4), (10001,), 'V')
+    >>> run.checks["largest voltage"].passed
+    True
     """
     settings = Settings(
         backend=backend,
@@ -79,8 +89,9 @@ def run(
         step=step,
         overrides=dict(start or {}),
         decimate=decimate,
+        record_deflections=True,
         build_folder=cache_folder(build_folder),
         kinds=tuple(kinds),
     )
     with opened_experiment(str(scenario)) as experiment:
-        return run_experiment(experiment, settings, Observer(notify=notify))
+        return RunView.of(run_experiment(experiment, settings, Observer(notify=notify)))

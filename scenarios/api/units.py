@@ -59,6 +59,12 @@ def build(
         For an unknown unit, platform or backend.
     BuildError
         Where a tool is missing or fails, or where a unit does not reproduce its own reference results.
+
+    Examples
+    --------
+    >>> import flexbeams as fb
+    >>> [file.as_posix() for file in fb.build(fb.design("single_beam"), ["BeamPlant"])]
+    ['build/fmus/native/BeamPlant.fmu']
     """
     kinds = [u if isinstance(u, UnitKind) else require_kind(u, "UNIT") for u in dict.fromkeys(units)] or CATALOGUE
     if backend not in BACKENDS:

@@ -49,6 +49,7 @@ class Settings:
     build_folder: Path = field(default_factory=cache_folder)  # where built units are kept, see fmus.packaging.cache
     units_row: bool = False  # units of measurement in the second row of results.csv
     record_animation: bool = True  # record the deflected beams for the animation
+    record_deflections: bool = False  # record the plant's w in every row, beside the columns
     open_inputs: bool = False  # inputs that nothing drives are signals, which the caller sets
     design: Mapping[str, Any] = field(default_factory=dict)  # keys of [design], in place of the scenario's
     formats: tuple[Format, ...] = ()  # of the result files that are to be written
@@ -80,7 +81,14 @@ class Settings:
     def of_open_loop(self, instances: Collection[str]) -> "Settings":
         """Settings of the run to compare with: start values of the instances that it has, no animation, unpaced."""
         overrides = {key: value for key, value in self.overrides.items() if key.partition(".")[0] in instances}
-        return replace(self, overrides=overrides, record_animation=False, real_time_factor=None)
+        return replace(
+            self,
+            overrides=overrides,
+            record_animation=False,
+            record_deflections=False,
+            open_inputs=False,
+            real_time_factor=None,
+        )
 
 
 def _with_options(options: DesignOptions, given: Mapping[str, Any]) -> DesignOptions:

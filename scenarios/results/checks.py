@@ -1,5 +1,6 @@
 """Checks of a scenario: values measured on a recording and compared with their limits."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,9 +32,25 @@ class Outcome:
         high = np.inf if self.maximum is None else self.maximum
         return bool(low <= self.value <= high)
 
+    @property
+    def limit(self) -> float | tuple[float, float | None] | None:
+        """The largest value that holds, or the least and the largest; None without limits."""
+        return self.maximum if self.minimum is None else (self.minimum, self.maximum)
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any]) -> "Outcome":
+        """The outcome of an entry in summary.json; a value that JSON has not is NaN."""
+        limit = record["limit"]
+        minimum, maximum = limit if isinstance(limit, list) else (None, limit)
+        value = float("nan") if record["value"] is None else float(record["value"])
+        unit = str(record.get("unit") or "")
+        return cls(
+            name=record["name"], value=value, minimum=minimum, maximum=maximum, unit=unit, paper=record.get("paper")
+        )
+
     def record(self) -> dict[str, Any]:
         """The entry in summary.json; limit is one number or [least, largest]."""
-        limit = self.maximum if self.minimum is None else [self.minimum, self.maximum]
+        limit = list(self.limit) if isinstance(self.limit, tuple) else self.limit
         return {
             "name": self.name,
             "value": self.value,

@@ -38,27 +38,30 @@ class Comparison:
 
 
 def compare(
-    runs: Sequence[Path], names: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
+    runs: Sequence[Path | FinishedRun], names: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
 ) -> Comparison:
-    """Reads at least two folders of results or files of other tools; the first is the reference.
+    """At least two runs, folders of results or files of other tools, which are read; the first is the reference.
 
     `names` and `units` are for files, see read_recording. Raises InputError for what cannot be read, and for runs
     without a common signal.
     """
     if len(runs) < 2:
         raise InputError("RUN", "must be at least two folders of results, or files", len(runs))
-    resolved = [path.resolve() for path in runs]
+    resolved = [run.folder / run.label if isinstance(run, FinishedRun) else run.resolve() for run in runs]
     for given, path in zip(runs, resolved, strict=True):
-        if resolved.count(path) > 1:
+        if not isinstance(given, FinishedRun) and resolved.count(path) > 1:
             raise InputError("RUN", "must be different folders", str(given))
     labels = [path.name for path in resolved]
-    read = [
-        _read(given, label if labels.count(label) == 1 else str(given), names or {}, units or {})
-        for given, label in zip(runs, labels, strict=True)
-    ]
     for option, table in (("--map", names), ("--unit", units)):
-        if table and all(path.is_dir() for path in runs):
+        if table and all(isinstance(run, FinishedRun) or run.is_dir() for run in runs):
             raise InputError(option, "is for files of other tools, these are folders of results", next(iter(table)))
+    read = []
+    for k, (given, label) in enumerate(zip(runs, labels, strict=True), 1):
+        if isinstance(given, FinishedRun):
+            read.append(replace(given, label=label if labels.count(label) == 1 else f"{label} ({k})"))
+        else:
+            own = label if labels.count(label) == 1 else str(given)
+            read.append(_read(given, own, names or {}, units or {}))
     read = [_with_names_of(run, read) for run in read]
     columns = [run.recording.columns for run in read]
     signals = [name for name in columns[0] if all(name in c for c in columns)]
@@ -85,11 +88,12 @@ def _with_names_of(run: FinishedRun, runs: list[FinishedRun]) -> FinishedRun:
 
 def _read(path: Path, label: str, names: Mapping[str, str], units: Mapping[str, str]) -> FinishedRun:
     if path.is_dir() or not path.suffix:
-        return _read_folder(path, label)
+        return read_folder(path, label)
     return FinishedRun(label=label, folder=path, summary={}, recording=read_recording(path, names, units))
 
 
-def _read_folder(folder: Path, label: str) -> FinishedRun:
+def read_folder(folder: Path, label: str) -> FinishedRun:
+    """The results in a folder; InputError for a folder without, or with some that cannot be read."""
     path = folder / "summary.json"
     if not path.is_file():
         raise InputError("", "is not a folder of results: it has no summary.json", source=str(folder))

@@ -14,7 +14,7 @@ from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.plausibility import implausible_values
 from flexbeams.plant.structure import find_structure, read_structure
-from flexbeams.scenarios.definition.declaration import InstanceDeclaration, split_owner
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names, split_owner
 from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile
 from flexbeams.scenarios.definition.schema import Scenario
@@ -33,7 +33,7 @@ from flexbeams.scenarios.runs.requirements import (
     require_sampled_signals,
     whole_steps,
 )
-from flexbeams.scenarios.runs.room import recorded_bytes, require_room
+from flexbeams.scenarios.runs.room import recorded_bytes, require_room, with_affordable_deflections
 from flexbeams.scenarios.runs.voltage_limits import note_limits
 from flexbeams.scenarios.simulation.frames import frame_layout
 from flexbeams.scenarios.simulation.sensors import require_sensors
@@ -120,6 +120,7 @@ def prepare_scenario(
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     require_discrete_signals(wiring, declarations, steps, step, source)
     note_skipped_rows(scenario, wiring, steps, step, notify)
+    wiring = with_affordable_deflections(wiring, steps, settings.decimate)
     require_room(scenario, len(wiring.columns), steps, settings, source)
     require_sensors(scenario.sensor, wiring.columns, step * settings.decimate, source)
     scenario = reachable_checks(scenario, settings, source, notify)
@@ -156,11 +157,24 @@ def prepare_wiring(
     step: float,
 ) -> Wiring:
     """The wiring of a run, with frames if its animation is recorded; no input that --set sets is driven."""
-    wiring = plan_wiring(scenario, declarations, source, starts, notify, step, settings.open_inputs)
+    hidden = _deflections(scenario, declarations) if settings.record_deflections else []
+    recording = replace(scenario, record=[*(scenario.record or []), *hidden]) if hidden else scenario
+    wiring = plan_wiring(recording, declarations, source, starts, notify, step, settings.open_inputs)
     require_undriven(settings.overrides, wiring.driven())
     if settings.record_animation:
         wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))
-    return wiring
+    return wiring.with_hidden(hidden) if hidden else wiring
+
+
+def _deflections(scenario: Scenario, declarations: Mapping[str, InstanceDeclaration]) -> list[str]:
+    """The deflections along the beams of the first plant; none where the scenario records some of them itself."""
+    for name, declaration in declarations.items():
+        if declaration.kind is not None and declaration.kind.animated is not None:
+            array = f"{name}.{declaration.kind.animated[0]}"
+            if any(text == array or text.startswith(f"{array}[") for text in scenario.record or []):
+                return []
+            return [f"{name}.{n}" for n in element_names(declaration.variables, declaration.kind.animated[0])]
+    return []
 
 
 def _design(

@@ -9,6 +9,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.simulation.wiring import Wiring
 
 MAX_BYTES_IN_MEMORY = 2**26  # of recorded values; those of a longer recording are in a file while the run steps
 MAX_BYTES_TOGETHER = 2**30  # of recorded values that are in memory: of a simulation step by step, and for a MAT file
@@ -18,6 +19,13 @@ _SHARES: dict[Format, float] = {"csv": 2.6, "parquet": 1.2, "mf4": 1.1, "mat": 1
 def recorded_bytes(columns: int, steps: int, decimate: int) -> int:
     """Size of the values of so many columns and their times."""
     return 8 * (columns + 1) * (-(-steps // decimate) + 1)
+
+
+def with_affordable_deflections(wiring: Wiring, steps: int, decimate: int) -> Wiring:
+    """The wiring, which records deflections beside its columns only where all of them stay in memory."""
+    if recorded_bytes(len(wiring.recorded), steps, decimate) > MAX_BYTES_IN_MEMORY:
+        return wiring.without_hidden()
+    return wiring
 
 
 def require_room(scenario: Scenario, columns: int, steps: int, settings: Settings, source: str) -> None:

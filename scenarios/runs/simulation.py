@@ -20,10 +20,10 @@ from flexbeams.scenarios.definition.settings import Settings, StartValues, start
 from flexbeams.scenarios.definition.values import require_value
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.results.curves import array_name
-from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.execution import chosen_stepper, loaded_instances
 from flexbeams.scenarios.runs.observer import SILENT, Observer
 from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
+from flexbeams.scenarios.runs.run_view import RunView
 from flexbeams.scenarios.runs.scenario import finished_run, unit_files
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.sensors import measure
@@ -209,14 +209,14 @@ class Simulation:
         except UnitFailure as failure:
             raise InputError("", str(failure), source=self.prepared.source) from None
 
-    def result(self) -> Run:
+    def result(self) -> RunView:
         """What is recorded so far as a finished run, with the checks whose windows it covers."""
         if self.steps == 0:
             raise InputError("time", "must be > 0 for a result", 0.0)
         prepared, recording = self.prepared, self._stepwise.recording()
         if self._recorded:
             measure(recording, prepared.scenario.sensor, prepared.step * prepared.settings.decimate)
-        return finished_run(prepared, recording, self._observer)
+        return RunView.of(finished_run(prepared, recording, self._observer))
 
     def close(self) -> None:
         """Ends the units and removes their files; further calls do nothing."""

@@ -123,7 +123,7 @@ class CoSimulation:
                     except UnitFailure as error:
                         failure, ended = error, ""
         seconds = clock.perf_counter() - begin
-        recording = rows.recording(self._wiring.columns, done, seconds)
+        recording = rows.recording(self._wiring.columns, done, seconds, self._wiring.deflections)
         recording.failure, recording.ended = failure, ended
         recording.interrupted = failure is None and not ended and done < steps
         recording.frames = frames.taken()

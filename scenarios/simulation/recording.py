@@ -37,6 +37,8 @@ class Recording:
     units: list[str] = field(default_factory=list)  # of measurement, by column, where a run is asked for them
     ended: str = ""  # which unit ended the run before its stop time, a regular end
     frames: Frames | None = None  # of the animation, if it was recorded
+    deflection_columns: list[str] = field(default_factory=list)  # <instance>.w[beam,station], not among the columns
+    deflections: Array | None = None  # their values (rows, len(deflection_columns)), m
     lateness: Array | None = None  # s, of each step of a paced run against the wall clock
     file: RowFile | None = None  # of the rows, if they are not in memory
 
@@ -156,8 +158,10 @@ class Rows:
         copied.values = self.values[: self.count(done)].copy()
         return copied
 
-    def recording(self, columns: Sequence[str], done: int, wall_seconds: float) -> Recording:
-        """The recording of the first `done` steps."""
+    def recording(
+        self, columns: Sequence[str], done: int, wall_seconds: float, deflections: Sequence[str] = ()
+    ) -> Recording:
+        """The recording of the first `done` steps; `deflections` follow the columns in each row, without a file."""
         count = self.count(done)
         if self._file is None:
             time, values = self._converted_rows(count, done)
@@ -168,11 +172,13 @@ class Rows:
         return Recording(
             time=time,
             columns=list(columns),
-            values=values,
+            values=np.ascontiguousarray(values[:, : len(columns)]) if deflections else values,
             wall_seconds=wall_seconds,
             steps=done,
             decimate=self.decimate,
             file=self._file,
+            deflection_columns=list(deflections),
+            deflections=values[:, len(columns) :] if deflections else None,
         )
 
     def _converted_rows(self, stop: int, done: int) -> tuple[Array, Array]:

@@ -222,7 +222,7 @@ class Stepwise(CoSimulation):
             self._frames.take(self.signals)
         self._rows.take(done)
         rows = self._rows.copy(done)
-        recording = rows.recording(self._wiring.columns, done, 0.0)
+        recording = rows.recording(self._wiring.columns, done, 0.0, self._wiring.deflections)
         skipped = -(-self._first // rows.decimate)
         recording.time = recording.time[skipped:]
         recording.values = recording.values[skipped:]

@@ -1,7 +1,7 @@
 """Wiring of a run: the index of every signal in one array, and which input takes which signal."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from flexbeams.plant.errors import InputError, suggestion
@@ -25,7 +25,8 @@ class Wiring:
     spans: dict[str, slice]  # for each instance, its part of the array
     external: list[tuple[slice, Signal | float]] = field(default_factory=list)  # a float is a held start value
     columns: list[str] = field(default_factory=list)  # names of the recorded signals
-    recorded: list[int] = field(default_factory=list)  # their indices
+    recorded: list[int] = field(default_factory=list)  # their indices, then those of the deflections
+    deflections: list[str] = field(default_factory=list)  # names of recorded signals that are no columns
     frames: FrameLayout | None = None
     conversions: dict[str, dict[str, Conversion]] = field(default_factory=dict)  # of inputs, by instance
     converted_columns: dict[int, Conversion] = field(default_factory=dict)  # by number of the column
@@ -46,6 +47,22 @@ class Wiring:
             for name, index in inputs
             if index in names
         }
+
+    def with_hidden(self, hidden: Collection[str]) -> "Wiring":
+        """The wiring with these recorded signals, in this order, behind the columns instead of among them."""
+        indices = dict(zip(self.columns, self.recorded, strict=True))
+        columns = [name for name in self.columns if name not in hidden]
+        return replace(
+            self,
+            columns=columns,
+            recorded=[indices[name] for name in (*columns, *hidden)],
+            deflections=list(hidden),
+            converted_columns={columns.index(self.columns[k]): c for k, c in self.converted_columns.items()},
+        )
+
+    def without_hidden(self) -> "Wiring":
+        """The wiring that records its columns only."""
+        return replace(self, recorded=self.recorded[: len(self.columns)], deflections=[])
 
     def driven(self) -> dict[str, list[str]]:
         """For each instance, the inputs that a connection or an external signal drives."""
