@@ -26,7 +26,7 @@ from flexbeams.scenarios.runs.requirements import (
     require_one_instance_each,
     whole_steps,
 )
-from flexbeams.scenarios.runs.room import require_room, with_affordable_deflections
+from flexbeams.scenarios.runs.room import require_room
 from flexbeams.scenarios.validation.package import (
     connection_conversion,
     package_declarations,
@@ -127,7 +127,6 @@ def prepare_package(
     starts = start_values(scenario, declarations, settings.overrides, source, sets)
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     steps = whole_steps(scenario, step, settings, source)
-    wiring = with_affordable_deflections(wiring, steps, settings.decimate)
     require_room(scenario, len(wiring.columns), steps, settings, source)
     return PreparedRun(
         source=source,

@@ -120,7 +120,6 @@ def prepare_scenario(
     wiring = prepare_wiring(scenario, declarations, settings, source, starts, notify, step)
     require_discrete_signals(wiring, declarations, steps, step, source)
     note_skipped_rows(scenario, wiring, steps, step, notify)
-    wiring = with_affordable_deflections(wiring, steps, settings.decimate)
     require_room(scenario, len(wiring.columns), steps, settings, source)
     require_sensors(scenario.sensor, wiring.columns, step * settings.decimate, source)
     scenario = reachable_checks(scenario, settings, source, notify)
@@ -163,7 +162,9 @@ def prepare_wiring(
     require_undriven(settings.overrides, wiring.driven())
     if settings.record_animation:
         wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))
-    return wiring.with_hidden(hidden) if hidden else wiring
+    if not hidden:
+        return wiring
+    return with_affordable_deflections(wiring.with_hidden(hidden), round(scenario.stop_time / step), settings.decimate)
 
 
 def _deflections(scenario: Scenario, declarations: Mapping[str, InstanceDeclaration]) -> list[str]:
