@@ -14,6 +14,8 @@ from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array,
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.fmus.units.native_kernel import NATIVE, Fields, NativeKernel, Records, Table, UnitData
 
+HOLD_ROUNDING = 1e-9  # s, by which a level may hold shorter than a step
+
 Kind = Literal[
     "constant",
     "step",
@@ -74,6 +76,15 @@ class SourceSignal:
     def __post_init__(self) -> None:
         if self.width not in (1, len(self.outputs)):
             raise InterfaceError(f"{self.name}: width must be 1 or {len(self.outputs)}, got {self.width}")
+        if self.kind == "joined_table" and self.table is not None:
+            self._check_slopes(self.table)
+
+    def _check_slopes(self, table: NDArray[np.float64]) -> None:
+        with np.errstate(over="ignore"):
+            steep = ~np.isfinite(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).all(axis=1)
+        if steep.any():
+            row = int(np.argmax(steep))
+            raise InterfaceError(f"{self.name}: table must have finite slopes, got another behind row {row + 1}")
 
 
 def source_interface(signals: Sequence[SourceSignal], step_size: float, stop_time: float) -> Interface:
@@ -85,7 +96,7 @@ def source_interface(signals: Sequence[SourceSignal], step_size: float, stop_tim
             Variable(name=name, causality="output", unit=s.unit, nominal=s.nominal, description=f"Drives {s.drives}")
             for name, s in outputs
         ],
-        *[variable for s in signals for variable in _parameters(s)],
+        *[variable for s in signals for variable in _parameters(s, step_size)],
     ]
     return Interface(
         unit_name=SIGNAL_SOURCE.name,
@@ -131,7 +142,7 @@ def _order(output: str, signals: Sequence[SourceSignal]) -> tuple[int, list[int]
     return arrays.index(name), [int(i) for i in index.removesuffix("]").split(",") if i.isdigit()]
 
 
-def _parameters(signal: SourceSignal) -> list[Variable]:
+def _parameters(signal: SourceSignal, step_size: float) -> list[Variable]:
     variables: list[Variable] = []
     for key, value in signal.parameters.items():
         name, meaning = f"{signal.name}.{key}", _MEANINGS[key].format(f"what drives {signal.drives}")
@@ -139,6 +150,10 @@ def _parameters(signal: SourceSignal) -> list[Variable]:
         if key in ("time", "duration", "hold", "start_frequency", "stop_frequency"):
             common["minimum"] = 0.0
         values = np.asarray(value, dtype=np.float64)
+        if key == "hold":
+            if not float(value) >= step_size - HOLD_ROUNDING:
+                raise InterfaceError(f"{name}: must be >= {step_size:g} s, the step size, got {value!r}")
+            common["minimum"] = min(step_size, float(value))
         if values.ndim == 2:
             variables += matrix(name, *values.shape, start=values.ravel(), **common)
         elif values.size > 1 or (signal.kind == "targets" and key == "time"):

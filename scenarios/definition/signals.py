@@ -89,6 +89,8 @@ def _pulse(pulse: Pulse, step: float | None) -> Signal:
     Where samples at steps of `step` s would lose the impulse, each value is the mean over the step that it holds for.
     """
     height = np.pi * pulse.impulse / (2 * pulse.duration)
+    if not np.isfinite(height):
+        raise InputError("pulse.impulse", f"must give a finite height over {pulse.duration:g} s", pulse.impulse)
 
     def sample(time: Array) -> Array:
         phase = (time - pulse.time) / pulse.duration
@@ -220,6 +222,12 @@ def skipped_rows(signal: Signal, step: float, steps: int) -> int:
 def _table(drive: Input, table: Table, folder: Path) -> Signal:
     rows, ordered = _chosen_columns(table, drive.to, folder)
     times, values = rows[:, 0], rows[:, 1:]
+
+    with np.errstate(over="ignore"):
+        steep = ~np.isfinite(np.diff(values, axis=0) / np.diff(times)[:, None]).all(axis=1)
+    if table.hold == "linear" and steep.any():
+        row = int(np.argmax(steep))
+        raise InputError("table.file", "must have finite slopes between its rows", f"none behind {times[row]:g} s")
 
     def hold(time: Array) -> Array:
         return values[np.maximum(np.searchsorted(times, time + TIME_TOLERANCE, side="right") - 1, 0)]

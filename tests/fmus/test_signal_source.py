@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.packaging.native import NativeUnit, build_native_units
 from flexbeams.fmus.units.signal_source import SIGNAL_SOURCE, SourceSignal, source_data, source_interface
+from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.schema import (
     Chirp,
     Input,
@@ -228,7 +229,24 @@ def _begin(unit: UnitInstance, name: str, value: float) -> None:
     [
         ("chirp_chirp.duration", 0.0, r"chirp_chirp\.duration must be finite and > 0, got 0\.0"),
         ("pulse_2_pulse.duration", 0.0, r"pulse_2_pulse\.duration must be finite and > 0"),
-        ("binary_pseudo_random.hold", 0.0, r"binary_pseudo_random\.hold must be finite and > 0"),
+        ("binary_pseudo_random.hold", 0.0, r"binary_pseudo_random\.hold must be >= 0\.0002, got 0\.0"),
+        ("levels_pseudo_random.hold", 1.9e-4, r"levels_pseudo_random\.hold must be >= 0\.0002, got 0\.00019"),
+        (
+            "pulse_2_pulse.impulse",
+            1.7e308,
+            r"pulse_2_pulse\.impulse must give a finite height over the duration 0",
+        ),
+        (
+            "pulse_2_pulse.duration",
+            1e-320,
+            r"pulse_2_pulse\.impulse must give a finite height over the duration 1",
+        ),
+        (
+            "chirp_chirp.start_frequency",
+            1e308,
+            r"start_frequency must give a finite number of cycles over",
+        ),
+        ("sweep_1_chirp.duration", 1e308, r"sweep_1_chirp\.stop_frequency must give a finite number of cycles over"),
         ("sweep_1_chirp.stop_frequency", 0.0, r"sweep_1_chirp\.stop_frequency must be finite and > 0"),
         ("targets_targets.time[2]", 0.05, r"targets_targets\.time\[2\] must be > 0\.1, the time before, got 0\.05"),
         ("step_step.time", -1.0, r"step_step\.time must be >= 0\.0, got -1\.0"),
@@ -285,3 +303,53 @@ def test_inputs_of_one_name_on_two_instances_get_outputs_of_their_own(tmp_path: 
 def test_a_signal_is_one_for_all_outputs_or_one_for_each() -> None:
     with pytest.raises(InterfaceError, match="width must be 1 or 3, got 2"):
         SourceSignal(name="u", kind="constant", outputs=("u[1]", "u[2]", "u[3]"), width=2)
+
+
+def test_a_level_may_hold_for_a_step(source: Source) -> None:
+    with UnitInstance("source", Path(source.folder), source.description, print) as unit:
+        unit.call("setupExperiment")
+        unit.call("enterInitializationMode")
+        _begin(unit, "levels_pseudo_random.hold", STEP)
+        values = []
+        for k in range(8):
+            unit.step(k * STEP, STEP)
+            values.append(unit.get("levels[1]"))
+    assert len(set(values)) == len(values)
+
+
+def test_a_level_that_holds_less_than_a_step_is_no_signal() -> None:
+    signal = SourceSignal(
+        name="levels",
+        kind="levels",
+        outputs=("levels[1]", "levels[2]"),
+        width=2,
+        parameters={"time": 0.0, "amplitude": [1.0, 1.0], "hold": 0.9 * STEP},
+    )
+    with pytest.raises(InterfaceError, match=r"levels\.hold: must be >= 0\.0002 s, the step size, got 0\.00018"):
+        source_interface([signal], STEP, 1.0)
+
+
+def test_a_table_without_finite_slopes_is_refused(tmp_path: Path) -> None:
+    """By the unit and by the runner; held rows need no slopes."""
+    (tmp_path / "steep.csv").write_text("time,a\n0.0,0.0\n0.1,-1e307\n0.2,1e308\n")
+    table = np.array([[0.0, 0.0], [0.1, -1e307], [0.2, 1e308]])
+    with pytest.raises(InterfaceError, match="steep: table must have finite slopes, got another behind row 2"):
+        SourceSignal(name="steep", kind="joined_table", outputs=("a",), table=table)
+    SourceSignal(name="steep", kind="held_table", outputs=("a",), table=table)
+    with pytest.raises(InputError, match=r"table\.file must have finite slopes between .*none behind 0\.1"):
+        signal_of(Input(to="rig.a", table=Table(file="steep.csv", hold="linear")), tmp_path)
+    signal_of(Input(to="rig.a", table=Table(file="steep.csv")), tmp_path)
+
+
+def test_a_pulse_without_a_finite_height_is_refused() -> None:
+    with pytest.raises(InputError, match=r"pulse\.impulse must give a finite height over 1e-05 s, got 1e\+305"):
+        signal_of(Input(to="rig.pulse", pulse=Pulse(time=0.1, duration=1e-5, impulse=1e305)), Path())
+
+
+def test_levels_at_times_beyond_any_count(source: Source) -> None:
+    """At 1e300 s the number of a level is beyond what can be counted; the values stay within the amplitude."""
+    with UnitInstance("source", Path(source.folder), source.description, print) as unit:
+        unit.call("setupExperiment", None, 1e300)
+        unit.call("enterInitializationMode")
+        unit.call("exitInitializationMode")
+        assert all(abs(unit.get(f"binary[{k}]")) == value for k, value in ((1, 1.0), (2, 20.0), (3, 300.0)))

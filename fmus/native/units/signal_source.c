@@ -10,7 +10,8 @@
 
 #include "philox.h"
 
-#define EARLY 1e-9 /* s */
+#define EARLY 1e-9         /* s */
+#define MOST_LEVELS 0x1p53 /* beyond, they cannot be counted */
 #define PI 0x1.921fb54442d18p+1
 
 /* The host's time for `time` s since the start: the multiple of the step that it means where it is near one. */
@@ -82,7 +83,7 @@ static double pseudo_random(const UnitInstance *unit, const SourceSignal *signal
     const double tau = time - values[signal->time] + EARLY;
     if (!(tau >= 0 && (signal->duration == 0 || tau < values[signal->duration])))
         return 0.0;
-    const uint64_t number = (uint64_t)floor(tau / values[signal->first]);
+    const uint64_t number = (uint64_t)fmin(floor(tau / values[signal->first]), MOST_LEVELS);
     return level_value(unit->data, signal, number, k) * values[signal->value + k];
 }
 
@@ -146,6 +147,22 @@ static bool check_positive(UnitInstance *unit, unsigned reference)
                        unit->values[reference]);
 }
 
+/* Has a pulse a finite height, a chirp a finite number of cycles? */
+static bool check_size(UnitInstance *unit, const SourceSignal *signal)
+{
+    const double *const values = unit->values;
+    const double duration = values[signal->duration];
+    if (signal->kind == PULSE && !isfinite(PI * values[signal->value] / (2 * duration)))
+        return unit_refuse(unit, "%s must give a finite height over the duration %r, got %r",
+                           unit->variables[signal->value].name, duration, values[signal->value]);
+    if (signal->kind != LINEAR_CHIRP && signal->kind != LOGARITHMIC_CHIRP)
+        return true;
+    const unsigned faster = values[signal->first] > values[signal->last] ? signal->first : signal->last;
+    return isfinite(2 * PI * duration * values[faster]) ||
+           unit_refuse(unit, "%s must give a finite number of cycles over the duration %r, got %r",
+                       unit->variables[faster].name, duration, values[faster]);
+}
+
 /* Are the parameters those of a signal? */
 static bool check_signal(UnitInstance *unit, const SourceSignal *signal)
 {
@@ -154,6 +171,8 @@ static bool check_signal(UnitInstance *unit, const SourceSignal *signal)
     if (signal->kind != LINEAR_CHIRP && !check_positive(unit, signal->first))
         return false;
     if (signal->kind == LOGARITHMIC_CHIRP && !check_positive(unit, signal->last))
+        return false;
+    if (!check_size(unit, signal))
         return false;
     const double *const times = unit->values + signal->time;
     for (unsigned k = 1; signal->kind == TARGETS && k < signal->rows; k++)
