@@ -15,10 +15,12 @@ from flexbeams.scenarios.bench.loop_costs import (
     superposed_costs,
     unit_costs,
 )
+from flexbeams.scenarios.bench.plant_forms import plant_form_costs
 from flexbeams.scenarios.bench.timing import Target
 from flexbeams.scenarios.bench.workbench import SCENARIO, Workbench
 
 STEPS, ROUNDS = 30_000, 25
+FORM_ROUNDS = 9  # of the plant's forms, at most: a new length of the dense one takes as long as a thousand steps
 
 
 def measure(
@@ -31,8 +33,8 @@ def measure(
 
     Keys: `scenario`, `design_id`, `steps`, `step_s`, `rounds`, `statistic`, `compiler`, `platform`; `loops`, a list of
     `name` and a Cost for `bare`, `fmi`, `runner` and `numpy`; `transitions` and `growth`, lists of costs by number of
-    transitions in progress and of beams; `real_time`, durations of single steps; `targets`, a list of Target with
-    `met`.
+    transitions in progress and of beams; `plant_forms`, costs of the plant in modal and in dense form; `real_time`,
+    durations of single steps; `targets`, a list of Target with `met`.
     """
     parts: list[Callable[[], Any]] = [
         partial(unit_costs, bench, rounds),
@@ -40,13 +42,14 @@ def measure(
         partial(superposed_costs, bench, rounds, 1),
         partial(superposed_costs, bench, rounds, SLOTS),
         partial(step_durations, bench),
+        partial(plant_form_costs, bench, min(rounds, FORM_ROUNDS)),
         *(partial(measure_growth, bench, rounds, count) for count in beams or REDUCED_MODES),
     ]
     results = []
     for done, part in enumerate(parts):
         progress(done, len(parts))
         results.append(part())
-    units, closed_loop, one, several, real_time, *growth = results
+    units, closed_loop, one, several, real_time, plant_forms, *growth = results
     loops, transitions = [*units, closed_loop], [one, several]
     return {
         "scenario": SCENARIO,
@@ -60,6 +63,7 @@ def measure(
         "loops": loops,
         "transitions": transitions,
         "real_time": real_time,
+        "plant_forms": plant_forms,
         "growth": growth,
         "targets": [{**asdict(t), "met": t.met} for t in _targets(loops, transitions, real_time)],
     }

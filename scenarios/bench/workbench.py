@@ -68,6 +68,11 @@ class Workbench:
         """FMUs by instance, for kind and model of each; missing ones are built."""
         return ensure_units(units, design, self._build, self._notify, compiler=self.compiler)
 
+    @property
+    def plant_file(self) -> Path:
+        """The scenario's plant."""
+        return self._files["plant"]
+
     def bare(self, transitions: TransitionSequence | None = None, matrices: Matrices | None = None) -> BareLoops:
         """The bare loops, of the scenario's design unless other matrices are given."""
         return BareLoops(self._library, matrices or self.matrices, self.step, transitions)

@@ -21,6 +21,7 @@ def show_bench(figures: dict[str, Any]) -> None:
     for table in (
         _loops(figures["loops"], steps),
         _transitions(figures["transitions"]),
+        _plant_forms(figures["plant_forms"]),
         _growth(figures["growth"]),
         _targets(figures["targets"]),
     ):
@@ -106,6 +107,15 @@ def _transitions(transitions: list[dict[str, Any]]) -> Table:
         table.add_row(
             str(t["transitions"]), f"{t['fmi_us_per_step']:.2f}", f"{t['bare_us_per_step']:.2f}", f"{t['ratio']:.2f}"
         )
+    return table
+
+
+def _plant_forms(forms: list[dict[str, Any]]) -> Table:
+    table = _titled(
+        "the plant's modal form beside the dense one, FMI functions", "cost", "modal, µs", "dense, µs", "x dense"
+    )
+    for f in forms:
+        table.add_row(f["cost"], f"{f['modal_us']:.2f}", f"{f['dense_us']:.2f}", f"{f['ratio']:.3f}")
     return table
 
 

@@ -10,6 +10,7 @@ import pytest
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.bench.growth import repeat_beams
+from flexbeams.scenarios.bench.plant_forms import dense_plant
 from flexbeams.scenarios.bench.unit_loops import Loop
 from flexbeams.scenarios.bench.workbench import Workbench
 from flexbeams.scenarios.cli.main import main
@@ -110,6 +111,17 @@ def test_closed_loop(bench: Workbench) -> None:
         assert_near(other, expected)
 
 
+def test_the_dense_plant_is_the_modal_one(bench: Workbench, tmp_path: Path) -> None:
+    """The same outputs, up to rounding of the two forms, from a library that never takes the modal one."""
+    rows = np.random.default_rng(3).uniform(-1, 1, (300, 7)) * np.r_[np.full(4, 500.0), np.full(3, 0.1)]
+    file = dense_plant(bench.plant_file, tmp_path / "BeamPlant.fmu", bench.compiler)
+    dense = outputs(bench.file_loop(file, ("u", "force"), rows, folder="dense"), rows)
+    modal = outputs(bench.unit_loop("plant", ("u", "force"), rows), rows)
+    for name in ("y_pi", "y_pm", "w"):
+        assert_near(dense[name], modal[name])
+        assert not np.array_equal(dense[name], modal[name])
+
+
 def test_single_steps_are_those_of_the_block(bench: Workbench) -> None:
     rows = np.random.default_rng(4).uniform(-300, 300, (200, 7))
     whole = outputs(bench.unit_loop("plant", ("u", "force"), rows), rows)
@@ -160,6 +172,8 @@ def test_json_of_the_verb(
     for grown in figures["growth"]:
         for unit in ("plant", "controller"):
             assert grown[unit].keys() == {"bare_us_per_step", "fmi_us_per_step", "ratio"}
+    assert [f["cost"] for f in figures["plant_forms"]] == ["step", "step of a new length", "initialisation"]
+    assert all(f["modal_us"] > 0 and f["dense_us"] > 0 for f in figures["plant_forms"])
     assert len(figures["targets"]) == 6
     assert all(t["met"] == (t["measured"] <= t["limit"]) for t in figures["targets"])
 
@@ -170,7 +184,7 @@ def test_table_of_the_verb(
     patch_modes(monkeypatch, {1: 2})
     assert main(["bench", "--steps", "10"]) == 0
     shown = capsys.readouterr().out
-    for text in ("closed loop", "FMI functions", "numpy", "growth", "targets", "at most", "of 33", "p99.99"):
+    for text in ("closed loop", "FMI functions", "numpy", "growth", "dense", "targets", "at most", "of 33", "p99.99"):
         assert text in shown
 
 
