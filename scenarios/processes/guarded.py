@@ -9,6 +9,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from flexbeams.plant.errors import FlexbeamsError
+from flexbeams.scenarios.processes.workers import leave_signals_to_parent
 
 PATIENCE = 60.0  # s without a sign of life
 T = TypeVar("T")
@@ -25,7 +26,7 @@ def guarded(function: Callable[..., T], *arguments: Any, patience: float = PATIE
     """
     context = multiprocessing.get_context("spawn")
     before = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(1, context) as pool:
+    with ProcessPoolExecutor(1, context, leave_signals_to_parent) as pool:
         future = pool.submit(function, *arguments)
         processes = [p for p in multiprocessing.active_children() if p not in before]
         try:
@@ -36,6 +37,10 @@ def guarded(function: Callable[..., T], *arguments: Any, patience: float = PATIE
             for process in processes:
                 process.kill()
             raise GuardedFailure(f"the code of a unit did not return within {patience:g} s") from None
+        except KeyboardInterrupt:
+            for process in processes:
+                process.kill()
+            raise
 
 
 def end_of(processes: list[BaseProcess]) -> str:

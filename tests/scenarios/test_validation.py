@@ -1,13 +1,20 @@
 """What `flexbeams validate` names in third-party FMUs and packages, and what it leaves alone."""
 
+import os
+import signal
+import sys
+import time
 import zipfile
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from flexbeams.fmus.packaging.compilers import host_platform
+from flexbeams.fmus.references.results import FOLDER
 from flexbeams.scenarios.cli.main import main
+from tests.helpers import command
 from tests.scenarios.test_foreign_packages import Shop
 from tests.scenarios.test_foreign_units import GAIN, RULES
 from tests.units.foreign.unit import ForeignUnit
@@ -99,3 +106,80 @@ def test_times_that_a_run_refuses_are_named(
     assert lines(shop.package({"g": (unit(), "")}), 0, capsys) == ["valid"]
     [line] = lines(shop.package({"g": (unit(), "")}, stop="0.0153"), 1, capsys)
     assert "stop_time must be a whole number of steps of 0.01 s" in line
+
+
+REFERENCES = {
+    f"extra__{FOLDER.removeprefix('extra/')}__fmi-ls-manifest.xml": b"<fmiReferences>"
+    b'<Related type="text/csv" source="y.csv" role="result"/></fmiReferences>',
+    f"extra__{FOLDER.removeprefix('extra/')}__y.csv": b"time,seen\n0,0\n0.01,0.01\n0.02,0.02\n",
+}
+
+
+def referenced(path: Path, *rules: str) -> Path:
+    """A clock with reference results."""
+    seen = [v for v in GAIN if v.name == "seen"]
+    clock = ForeignUnit(variables=seen, rules=["clock 5", *rules])
+    return clock.write(path, **REFERENCES)
+
+
+@pytest.mark.parametrize(
+    ("rule", "complaint"),
+    [
+        ("crash step", "the code of a unit crashed (SIGABRT)"),
+        ("exit instantiate", "the code of a unit ended its process with the exit status 0"),
+        ("hang step", "the code of a unit did not return within 3 s"),
+    ],
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals")
+def test_code_that_ends_or_hangs_is_one_line_and_other_files_are_checked(
+    rule: str, complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, good = referenced(tmp_path / "bad.fmu", rule), referenced(tmp_path / "good.fmu")
+    patience = ["--patience", "3"] if "hang" in rule else []
+    assert main(["validate", str(bad), str(good), *patience]) == 2
+    shown = capsys.readouterr()
+    assert shown.err.splitlines() == [f"flexbeams: {bad}: {complaint}"]
+    assert shown.out.splitlines() == [f"{good}: valid", f"{good}: reference y.csv: agrees exactly"]
+    assert main(["validate", str(bad), "--no-run"]) == 0
+
+
+def test_a_truncated_library_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It may not load, or end its process with SIGBUS."""
+    path = referenced(tmp_path / "unit.fmu")
+    platform = host_platform()
+    place = f"binaries/{platform.name}/foreign{platform.suffix}"
+    with zipfile.ZipFile(path) as archive:
+        library = archive.read(place)
+    for share in (0.1, 0.5):
+        changed(path, "foreign", "foreign", **{place: library[: int(share * len(library))]})
+        assert main(["validate", str(path)]) in (1, 2)
+        shown = capsys.readouterr()
+        [line] = [k for k in (shown.err + shown.out).splitlines() if not k.endswith(": valid")]
+        assert "crashed" in line or "is not checked" in line
+    changed(path, "foreign", "foreign", **{place: library})
+    assert main(["validate", str(path)]) == 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_ctrl_c_ends_a_validation_that_hangs(tmp_path: Path) -> None:
+    bad = referenced(tmp_path / "bad.fmu", "hang step")
+    process = command("validate", bad, cwd=tmp_path, start_new_session=True)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    deadline = time.monotonic() + 60.0
+    while not (workers := [pid for pid in children.read_text().split() if "spawn_main" in command_line(pid)]):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    time.sleep(1.5)  # until the unit hangs
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors.strip()) == (130, "flexbeams: interrupted")
+    while any(map(command_line, workers)):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def command_line(pid: str) -> str:
+    """Empty for a process that has ended."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    return ""

@@ -10,7 +10,7 @@
  *   end time                          discards the step from that time on, as terminated
  *   finish time                       as end, after the step is done
  *   discard time                      discards the step from that time on
- *   crash|hang|exit when              load, instantiate or step
+ *   crash|hang|exit when              instantiate or step
  */
 #include "fmi2Functions.h"
 
