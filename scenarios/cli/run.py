@@ -91,7 +91,8 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     default=60.0,
     show_default=True,
     metavar="S",
-    help="Seconds without progress after which the units of a package, which run in a process of their own, are ended.",
+    help="Seconds without progress after which the units of a package and FMUs that a scenario names, which run in a "
+    "process of their own, are ended.",
 )
 @max_size_option
 @click.option("--units-row", is_flag=True, help="Write units of measurement into the second row of results.csv.")
@@ -209,19 +210,20 @@ def _run_all(
     figure_process: "FigureProcess | None",
     patience: float,
 ) -> "list[JobResult]":
-    """Runs one scenario in this process, a package or several jobs in other ones."""
+    """Runs one scenario in this process; several jobs, and units that were not built for them, in other ones."""
     from flexbeams.scenarios.definition.scenario_file import ScenarioFile
 
     packages = [job.experiment for job in planned if not isinstance(job.experiment, ScenarioFile)]
     for extracted in packages:
         if extracted.package.tool != "flexbeams":
             display.note(f"{extracted.file} was not written by flexbeams; its units run in a process of their own")
-    if len(planned) > 1 or packages:
+    foreign = any(job.foreign for job in planned)
+    if len(planned) > 1 or foreign:
         from flexbeams.scenarios.processes.pools import usable_cores
         from flexbeams.scenarios.runs.parallel import run_parallel
 
         workers = min(jobs or usable_cores(), len(planned))
-        return run_parallel(planned, workers, display, patience if packages else None)
+        return run_parallel(planned, workers, display, patience if foreign else None)
     from flexbeams.scenarios.runs.job import run_job
     from flexbeams.scenarios.runs.observer import Observer
 

@@ -1,7 +1,7 @@
 """Instances as their model descriptions declare them, before any of them is loaded."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -79,7 +79,7 @@ class InstanceDeclaration:
         )
 
 
-def element_names(variables: Mapping[str, Any], name: str) -> list[str]:
+def element_names(variables: Collection[str], name: str) -> list[str]:
     """Scalars that a name stands for: itself, or all elements name[1], name[2] ... by index; may be empty."""
     if name in variables:
         return [name]

@@ -5,11 +5,9 @@ from pathlib import Path
 
 from flexbeams.scenarios.definition.schema import Figure, Scenario
 from flexbeams.scenarios.report.decimation import decimated, thinned
-from flexbeams.scenarios.report.plots import Line, Panel, Plot, PlotRow, Style
-from flexbeams.scenarios.results.curves import DISPLAY_UNITS, Curve, figure_curve
+from flexbeams.scenarios.report.plots import MAX_POINTS, Line, Panel, Plot, PlotRow, Style
+from flexbeams.scenarios.results.curves import Curve, figure_curve
 from flexbeams.scenarios.simulation.recording import Recording
-
-MAX_POINTS = 4000  # of a curve
 
 
 def figure_plots(
@@ -38,8 +36,11 @@ def plot_rows(rows: list[list[Curve]], title: str, stem: Path, start: float, sto
 
     A covered curve is drawn wide, so that it is not hidden, if it is from the same recording or `wide` is set.
     """
-    panels = [PlotRow(axis=row[0].axis(), legend=len(row) > 1, panels=_panels(row, start, stop, wide)) for row in rows]
-    return Plot(stem=stem, title=title, rows=panels)
+    drawn = [
+        PlotRow(axis=row[0].axis(), legend="first" if len(row) > 1 else "", panels=_panels(row, start, stop, wide))
+        for row in rows
+    ]
+    return Plot(stem=stem, title=title, rows=drawn)
 
 
 def _panels(row: list[Curve], start: float, stop: float, wide: bool) -> list[Panel]:
@@ -58,7 +59,7 @@ def _lines(row: list[Curve], k: int, start: float, stop: float, wide: bool) -> l
     if k < len(row) - 1:
         style = "wide" if wide or curve.recording is row[-1].recording else "below"
     inside = (curve.recording.time >= start) & (curve.recording.time <= stop)
-    time, factor = curve.recording.time[inside], DISPLAY_UNITS[curve.quantity][1]
+    time, factor = curve.recording.time[inside], curve.factor
     lines = []
     for column in curve.columns:
         t, y = decimated(time, curve.recording.values[inside, column], MAX_POINTS)

@@ -57,15 +57,18 @@ def draw(plot: Plot) -> Figure:
             axis.set_position((left / width, low / height, _AXES[0] / width, _AXES[1] / height))
             _style(axis)
             if c < len(row.panels):
-                _fill(axis, row.panels[c], row.legend)
+                _fill(axis, row.panels[c], several=row.legend != "")
+            elif row.legend == "each":
+                axis.set_visible(False)
         line[0].set_ylabel(printable(row.axis), fontsize=9, parse_math=False)
         line[0].yaxis.set_label_coords(-0.55 / _AXES[0], 0.5)
-        if row.legend:
-            for text in line[0].legend(fontsize=8, frameon=False).get_texts():
-                text.set_parse_math(False)
-    for axis in grid[-1]:
-        axis.set_xlabel("time in s", fontsize=9)
-        axis.xaxis.set_label_coords(0.5, -0.3 / _AXES[1])
+        for axis in line[: {"": 0, "first": 1, "each": len(row.panels)}[row.legend]]:
+            _name_curves(axis)
+    for column in grid.T:
+        lowest = [axis for axis in column if axis.get_visible()][-1]
+        lowest.tick_params(labelbottom=True)
+        lowest.set_xlabel("time in s", fontsize=9)
+        lowest.xaxis.set_label_coords(0.5, -0.3 / _AXES[1])
     middle = (_LEFT + columns * _PANEL[0] - _PANEL[0] + _AXES[0] + _LEFT) / 2
     canvas.suptitle(printable(plot.title), parse_math=False, fontsize=11, x=middle / width, y=1 - 0.1 / height)
     return canvas
@@ -78,12 +81,19 @@ def _fill(axis: Axes, panel: Panel, several: bool) -> None:
             line.time,
             line.values,
             color=colour,
-            label=printable(line.label),
+            label=printable(line.label) or None,
             solid_capstyle="butt",
             linewidth=3.3 if line.style == "wide" else 1.1,
             alpha=1.0 if line.style == "own" else 0.5,
         )
     axis.set_title(printable(panel.title), fontsize=9, y=1.0, parse_math=False)
+
+
+def _name_curves(axis: Axes) -> None:
+    if not axis.get_legend_handles_labels()[1]:
+        return
+    for text in axis.legend(fontsize=8, frameon=False).get_texts():
+        text.set_parse_math(False)
 
 
 def _style(axis: Axes) -> None:

@@ -6,8 +6,9 @@ import numpy as np
 
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.decimation import plotted_rows
+from flexbeams.scenarios.report.overview import overview
 from flexbeams.scenarios.report.page import float32
-from flexbeams.scenarios.results.curves import DISPLAY_UNITS, Curve, align, array_name, curve, figure_curve
+from flexbeams.scenarios.results.curves import Curve, align, figure_curve
 from flexbeams.scenarios.simulation.recording import Recording
 
 MAX_ROWS = 2000  # of a panel
@@ -24,14 +25,12 @@ def panel(
     recordings = list({id(c.recording): c.recording for c, _, _ in curves}.values())
     time, aligned = align(recordings)
     tables = {id(r): v for r, v in zip(recordings, aligned, strict=True)}
-    values = np.column_stack(
-        [tables[id(c.recording)][:, c.columns[e]] * DISPLAY_UNITS[c.quantity][1] for c, e, _ in curves]
-    )
+    values = np.column_stack([tables[id(c.recording)][:, c.columns[e]] * c.factor for c, e, _ in curves])
     rows = plotted_rows(values[: np.searchsorted(time, stop, side="right")], MAX_ROWS)
     return {
         "title": title,
         "axis": first.axis(),
-        "unit": DISPLAY_UNITS[first.quantity][0],
+        "unit": first.unit,
         "time": float32(time[rows]),
         "curves": [
             {"label": label, "values": float32(values[rows, k]), "below": background and k < len(curves) - 1}
@@ -63,31 +62,10 @@ def figure_groups(scenario: Scenario, recording: Recording, open_loop: Recording
 
 
 def remaining_signals_group(scenario: Scenario, recording: Recording) -> dict[str, Any] | None:
-    """The recorded arrays that no figure of the scenario contains, all elements in one panel.
-
-    Arrays that are constant or repeat another one are not drawn but named in `notes`.
-    """
-    arrays = list(dict.fromkeys(map(array_name, recording.columns)))
-    in_figures = {name for figure in scenario.figure for row in figure.rows for name in row}
-    drawn = {name: curve(name, recording) for name in arrays if name in in_figures}
-    panels, constant, repeated = [], [], []
-    for name in arrays:
-        if name in in_figures:
-            continue
-        candidate = curve(name, recording)
-        values = recording.values[:, candidate.columns]
-        twin = next((n for n, c in drawn.items() if np.array_equal(recording.values[:, c.columns], values)), None)
-        if np.all(values == values[0]):
-            constant.append(f"{name} = {', '.join(f'{v:g}' for v in values[0])}")
-        elif twin:
-            repeated.append(f"{name} = {twin}")
-        else:
-            drawn[name] = candidate
-            elements = [(candidate, e, candidate.element(e)) for e in range(len(candidate.columns))]
-            panels.append(panel(name, elements))
-    notes = [
-        f"{text}: {'; '.join(names)}"
-        for text, names in (("Constant throughout", constant), ("The same signal", repeated))
-        if names
-    ]
-    return {"title": "Further signals", "window": None, "panels": panels, "notes": notes} if panels or notes else None
+    """The recorded arrays that no figure of the scenario contains, all elements in one panel."""
+    found = overview(recording, {name for figure in scenario.figure for row in figure.rows for name in row})
+    if not found.curves and not found.notes:
+        return None
+    panels = [panel(c.label, [(c, e, c.element(e)) for e in range(len(c.columns))]) for c in found.curves]
+    title = "Further signals" if scenario.figure else "Recorded signals"
+    return {"title": title, "window": None, "panels": panels, "notes": found.notes}

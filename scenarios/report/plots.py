@@ -6,6 +6,7 @@ from typing import Literal
 
 from flexbeams.plant.basis import Array
 
+MAX_POINTS = 4000  # of a curve
 Style = Literal[
     "own", "below", "wide"
 ]  # uppermost curve; faint curve below it; curve wider than the one that covers it
@@ -32,10 +33,10 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True)
 class PlotRow:
-    """Panels of one quantity beside each other."""
+    """Panels beside each other, of one quantity or each of its own."""
 
-    axis: str  # quantity and unit
-    legend: bool
+    axis: str  # quantity and unit of all
+    legend: Literal["", "first", "each"]  # the panels with names of curves: none, the first for all, or each
     panels: list[Panel]
 
 

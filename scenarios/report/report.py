@@ -8,6 +8,7 @@ from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
 from flexbeams.scenarios.report.decimation import thinned
+from flexbeams.scenarios.report.overview import OVERVIEW
 from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
@@ -29,14 +30,15 @@ def report_html(run: Run) -> str:
         "report.html.j2",
         title=run.scenario.title,
         paper=run.scenario.paper,
-        about=run.description,
+        about="" if run.description == run.scenario.title else run.description,
         checks=[check_row(c) for c in run.summary["checks"]],
         outcome=_outcome(run),
         facts=_package_facts(run) if design is None else _facts(run, design),
         metrics=_metrics(run.summary["metrics"], run.summary["checks"]),
+        metrics_units="the units of their variables" if design is None else "SI units",
         timing=_timing(run.summary["timing"]),
         groups=groups,
-        figures=[figure.file for figure in run.scenario.figure],
+        figures=[OVERVIEW] if design is None else [figure.file for figure in run.scenario.figure],
         animation=moving,
         data=data,
     )
@@ -127,7 +129,7 @@ def _plural(count: int, word: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any], checks: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Metrics that are not checks, in SI units."""
+    """Metrics that are not checks, as recorded."""
     named = {c["name"] for c in checks}
     return [(name, f"{value:.6g}") for name, value in metrics.items() if name not in named and value is not None]
 

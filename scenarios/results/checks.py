@@ -9,7 +9,9 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.measures import decay_time, motion_settling_time, overshoots, settling_time
+from flexbeams.scenarios.definition.declaration import element_names
 from flexbeams.scenarios.definition.schema import Check, Scenario
+from flexbeams.scenarios.definition.time_table import element_index
 from flexbeams.scenarios.results.window import Window
 from flexbeams.scenarios.simulation.recording import Recording
 
@@ -62,8 +64,9 @@ class Outcome:
 
 
 def column_indices(columns: list[str], name: str) -> list[int]:
-    """Indices of the columns of a recorded array or element."""
-    return [k for k, c in enumerate(columns) if c == name or c.startswith(f"{name}[")]
+    """Indices of the columns of a recorded array, in the order of its elements' indices, or of one element."""
+    places = {column: k for k, column in enumerate(columns)}
+    return [places[element] for element in element_names(places, name)]
 
 
 class Measurement:
@@ -186,7 +189,8 @@ class Measurement:
         elements = len(column_indices(self._recording.columns, check.of))
         chosen = list(range(1, elements + 1))
         if check.of.endswith("]"):
-            chosen = [int(check.of[check.of.rindex("[") + 1 : -1])]
+            index = element_index(check.of)
+            chosen = list(index) if len(index) == 1 else [len(value) + 1]
             elements = len(value)
         elif check.points:
             chosen = check.points

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.results.curves import DISPLAY_UNITS, array_name, quantity_of
+from flexbeams.scenarios.definition.declaration import by_index
+from flexbeams.scenarios.results.curves import array_name, display_unit
 from flexbeams.scenarios.results.display import number, verdict
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.results.reading import read_recording
@@ -110,16 +111,18 @@ def read_folder(folder: Path, label: str) -> FinishedRun:
         file = folder / f"results{suffix}"
         if file.is_file():
             recording = read_results(file) if suffix == ".csv" else read_recording(file, {}, {})
+            signals = summary.get("signals", {})
+            recording.units = {name: signals[name]["unit"] for name in recording.columns if name in signals}
             return FinishedRun(label=label, folder=folder, summary=summary, recording=recording)
     raise InputError("", "has no results.csv or other results", source=str(folder))
 
 
 def _elements(recording: Recording) -> dict[str, list[str]]:
-    """The columns of each recorded array."""
+    """The columns of each recorded array, by index."""
     arrays: dict[str, list[str]] = {}
     for column in recording.columns:
         arrays.setdefault(array_name(column), []).append(column)
-    return arrays
+    return {name: by_index(own) for name, own in arrays.items()}
 
 
 def check_table(comparison: Comparison) -> list[tuple[str, list[dict[str, str]]]]:
@@ -145,11 +148,12 @@ def metric_table(comparison: Comparison) -> list[tuple[str, list[str]]]:
     checks = {c["name"] for run in comparison.runs for c in run.summary.get("checks", [])}
     names = dict.fromkeys(n for run in comparison.runs for n in run.summary.get("metrics", {}) if n not in checks)
 
-    def text(name: str, value: float | None) -> str:
-        unit, factor = DISPLAY_UNITS[quantity_of(name.split(".")[1].split("[")[0]) if "." in name else "value"]
+    def text(name: str, run: FinishedRun) -> str:
+        value, column = run.summary.get("metrics", {}).get(name), name.rpartition(".")[0]
+        unit, factor = display_unit(array_name(column).partition(".")[2], run.recording.units.get(column))
         return "" if value is None else f"{value * factor:.5g} {unit}".strip()
 
-    return [(name, [text(name, run.summary.get("metrics", {}).get(name)) for run in comparison.runs]) for name in names]
+    return [(name, [text(name, run) for run in comparison.runs]) for name in names]
 
 
 def fact_table(comparison: Comparison) -> list[tuple[str, list[str]]]:

@@ -1,5 +1,10 @@
-"""Signals of a run as curves: looked up by name, with their quantity and the unit in which they are displayed."""
+"""Signals of a run as curves: looked up by name, with their quantity and the unit in which they are displayed.
 
+The quantities are those of this project's units, by the names of their variables; a variable of another unit of
+measurement, as third-party units have them, is a value in the unit that it declares.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +21,7 @@ DISPLAY_UNITS = {
     "force": ("N", 1.0),
     "value": ("", 1.0),
 }
+_SI = {"deflection": "m", "voltage": "V", "strain": "1", "force": "N"}
 _ELEMENTS = {"deflection": "point", "voltage": "patch pair", "strain": "gauge", "force": "tip of beam", "value": ""}
 _QUANTITIES = {
     "u": "voltage",
@@ -32,9 +38,19 @@ _QUANTITIES = {
 }
 
 
-def quantity_of(base: str) -> str:
-    """The quantity of a signal (a key of DISPLAY_UNITS), by its variable's name without index."""
-    return _QUANTITIES.get(base, "value")
+def quantity_of(base: str, unit: str | None = None) -> str:
+    """The quantity of a signal (a key of DISPLAY_UNITS), by its variable's name without index.
+
+    "value" where the variable's unit of measurement is known and not that of the quantity.
+    """
+    quantity = _QUANTITIES.get(base, "value")
+    return quantity if unit is None or unit == _SI.get(quantity) else "value"
+
+
+def display_unit(base: str, unit: str | None = None) -> tuple[str, float]:
+    """The unit in which a signal is displayed, and its values in that unit as a multiple of the recorded ones."""
+    quantity = quantity_of(base, unit)
+    return ("" if unit in (None, "1") else str(unit), 1.0) if quantity == "value" else DISPLAY_UNITS[quantity]
 
 
 @dataclass(frozen=True)
@@ -43,39 +59,67 @@ class Curve:
 
     label: str
     base: str  # the variable's name without owner and index
-    quantity: str  # a key of DISPLAY_UNITS
     recording: Recording
     columns: list[int]  # of the recording
 
+    @property
+    def quantity(self) -> str:
+        """A key of DISPLAY_UNITS."""
+        return quantity_of(self.base, self._common_unit())
+
+    @property
+    def unit(self) -> str:
+        """In which it is displayed; empty where there is none, or its elements differ."""
+        return display_unit(self.base, self._common_unit())[0]
+
+    @property
+    def factor(self) -> float:
+        """From recorded to displayed values."""
+        return display_unit(self.base, self._common_unit())[1]
+
     def element(self, c: int) -> str:
-        """The name of element c, for a title."""
-        number = element_index(self.recording.columns[self.columns[c]])
-        return f"{_ELEMENTS[self.quantity] or self.base} {number}" if number else self.base
+        """The name of element c, for a title; with its unit where not all elements have the same."""
+        column = self.recording.columns[self.columns[c]]
+        number = _index(column)
+        name = f"{_ELEMENTS[self.quantity] or self.base} {number}" if number else self.base
+        own = self.recording.units.get(column, "")
+        return f"{name} in {own}" if own and own != self._common_unit() else name
 
     def axis(self) -> str:
         """Quantity and unit, for an axis."""
-        unit = DISPLAY_UNITS[self.quantity][0]
-        return f"{self.quantity} in {unit}" if unit else self.base
+        named = self.base if self.quantity == "value" else self.quantity
+        return f"{named} in {self.unit}" if self.unit else self.base
+
+    def _common_unit(self) -> str | None:
+        """The unit of measurement of all elements, None where it is not known, empty where they differ."""
+        known = self.recording.units
+        units = {known.get(self.recording.columns[k]) for k in self.columns}
+        return units.pop() if len(units) == 1 else ""
 
 
-def element_index(column: str) -> str:
+def _index(column: str) -> str:
     """The index at the end of a column's name, empty for a scalar."""
-    return column[column.rindex("[") + 1 : -1] if column.endswith("]") else ""
+    return column.removeprefix(array_name(column))[1:-1]
 
 
 def array_name(column: str) -> str:
     """The name of the array to which a column belongs."""
-    return column[: column.rindex("[")] if column.endswith("]") else column
+    return column[: column.rindex("[")] if column.endswith("]") and "[" in column else column
+
+
+def array_names(columns: Sequence[str]) -> list[str]:
+    """The arrays of a recording, in the order of their first columns."""
+    return list(dict.fromkeys(map(array_name, columns)))
 
 
 def curve(name: str, recording: Recording, label: str = "") -> Curve:
     """The recorded array or element `name`; InputError without a key where it is not recorded."""
     columns = column_indices(recording.columns, name)
     if not columns:
-        known = dict.fromkeys(map(array_name, recording.columns))
-        raise InputError("", "names a signal that is not recorded" + suggestion(name, known), name)
+        hint = suggestion(name, array_names(recording.columns))
+        raise InputError("", f"names a signal that is not recorded{hint}", name)
     base = array_name(name).partition(".")[2] or array_name(name)
-    return Curve(label or name, base, quantity_of(base), recording, columns)
+    return Curve(label or name, base, recording, columns)
 
 
 def figure_curve(
@@ -92,13 +136,8 @@ def figure_curve(
     except InputError as error:
         raise error.at("", f"{key}.rows") from None
     if points:
-        selected = Curve(
-            label,
-            selected.base,
-            selected.quantity,
-            source,
-            [selected.columns[p - 1] for p in points if p <= len(selected.columns)],
-        )
+        chosen = [selected.columns[p - 1] for p in points if p <= len(selected.columns)]
+        selected = Curve(label, selected.base, source, chosen)
     return selected
 
 

@@ -45,10 +45,11 @@ def write_formats(
 
 
 def write_csv(file: Output, recording: Recording, summary: dict[str, Any]) -> None:
-    """A CSV file (RFC 4180) with the shortest digits that give the same double; units in row 2, if recorded."""
+    """A CSV file (RFC 4180) with the shortest digits that give the same double; units in row 2, if asked for."""
     file.write((",".join(map(_quoted, ["time", *recording.columns])) + "\n").encode())
-    if recording.units:
-        file.write((",".join(map(_quoted, ["s", *recording.units])) + "\n").encode())
+    if recording.units_row:
+        units = [recording.units.get(name, "") for name in recording.columns]
+        file.write((",".join(map(_quoted, ["s", *units])) + "\n").encode())
     for time, values in recording.blocks():
         table = np.column_stack([time, values])
         if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
@@ -72,7 +73,7 @@ def read_results(path: Path) -> Recording:
             lines = csv.reader(file)
             header = next(lines)
             second = next(lines, [])
-        units = second[1:] if second[:1] == ["s"] else []
+        units = second[1:] if second[:1] == ["s"] and len(second) == len(header) else []
         with warnings.catch_warnings(action="error"):  # of a file without data
             table = np.loadtxt(path, delimiter=",", skiprows=2 if units else 1, ndmin=2)
     except OSError as error:
@@ -82,7 +83,14 @@ def read_results(path: Path) -> Recording:
     if table.shape[1] != len(header) or header[:1] != ["time"]:
         rule = "is not a CSV file of numbers with the columns of its header, time first"
         raise InputError("", rule, source=str(path))
-    return Recording(time=table[:, 0], columns=header[1:], values=table[:, 1:], wall_seconds=float("nan"), units=units)
+    return Recording(
+        time=table[:, 0],
+        columns=header[1:],
+        values=table[:, 1:],
+        wall_seconds=float("nan"),
+        units=dict(zip(header[1:], units, strict=True)) if units else {},
+        units_row=bool(units),
+    )
 
 
 def json_values(value: Any) -> Any:

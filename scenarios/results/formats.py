@@ -4,7 +4,7 @@ A Parquet file has the columns of results.csv, with `unit` and `description` in 
 as the metadata entry `flexbeams`. An MF4 file (4.10) has a channel with unit and comment for each column.
 
 A MAT file (version 5) holds `time` (rows, 1); a struct for each instance with a field for each variable, scalars
-(rows, 1) and arrays (rows, elements) in the order of results.csv: plant.y_pi(:, 2) is `plant.y_pi[2]`; the struct
+(rows, 1) and arrays (rows, elements) in the order of their indices: plant.y_pi(:, 2) is `plant.y_pi[2]`; the struct
 `columns` of the same form with the names of those columns as cells, as `units` and `descriptions` have these; and the
 struct `run` with entries of summary.json.
 Indices are removed from names, and characters other than letters, digits and underscores become underscores:
@@ -28,6 +28,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.definition.choices import Format
+from flexbeams.scenarios.definition.declaration import by_index
 from flexbeams.scenarios.simulation.recording import Recording
 
 _ROWS_IN_GROUP = 2**17  # of a Parquet or MF4 file
@@ -105,7 +106,7 @@ def write_mat(file: Output, recording: Recording, summary: dict[str, Any]) -> No
         }
         for key in ("unit", "description")
     }
-    largest = max(array.nbytes for struct in structs.values() for array in struct.values())
+    largest = max((array.nbytes for struct in structs.values() for array in struct.values()), default=0)
     if largest > _MAX_ARRAY_BYTES:
         raise InputError(
             "",
@@ -159,10 +160,13 @@ def write_mf4(file: Output, recording: Recording, summary: dict[str, Any]) -> No
 def _structs(recording: Recording) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, Any]]]:
     """Structs of arrays, and of the columns' names, by instance and variable."""
     grouped: dict[str, dict[str, list[int]]] = {}
-    for k, column in enumerate(recording.columns):
+    places = {column: k for k, column in enumerate(recording.columns)}
+    for column in recording.columns:
         owner, _, variable = column.partition(".")
-        base = re.sub(r"\[[^\]]*\]", "", variable)
-        grouped.setdefault(owner, {}).setdefault(base, []).append(k)
+        grouped.setdefault(owner, {}).setdefault(re.sub(r"\[[^\]]*\]", "", variable), []).append(places[column])
+    for variables in grouped.values():
+        for base, indices in variables.items():
+            variables[base] = [places[n] for n in by_index(recording.columns[k] for k in indices)]
     owners = matlab_names(grouped, taken=["time", "columns", "units", "descriptions", "run"])
     structs: dict[str, dict[str, Array]] = {}
     columns: dict[str, dict[str, Any]] = {}

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.plant.basis import Array
-from flexbeams.scenarios.definition.declaration import InstanceDeclaration
+from flexbeams.scenarios.definition.declaration import InstanceDeclaration, split_owner
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.checks import Outcome, standard_metrics
 from flexbeams.scenarios.simulation.recording import Recording
+
+Kind = Literal["scenario", "package"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +30,11 @@ class Run:
     open_loop: Recording | None = None  # of the scenario that this one is compared with
     outcomes: list[Outcome]
     summary: dict[str, Any]  # content of summary.json
+
+    @property
+    def kind(self) -> Kind:
+        """What was run."""
+        return "package" if self.design is None else "scenario"
 
     @property
     def passed(self) -> bool:
@@ -46,10 +53,12 @@ def run_summary(
     step: float,
     changed: dict[str, Any],
     declarations: Mapping[str, InstanceDeclaration],
+    kind: Kind = "scenario",
 ) -> dict[str, Any]:
     """Content of summary.json; `design_id` is empty for units without a design, `step` in s, `changed` as from
     changed_settings."""
     summary: dict[str, Any] = {
+        "kind": kind,
         "scenario": name,
         "title": scenario.title,
         "design_id": design_id,
@@ -80,16 +89,15 @@ def signal_table(columns: Sequence[str], declarations: Mapping[str, InstanceDecl
     """Unit of measurement and description of each column, from the declaration of its unit."""
     table = {}
     for column in columns:
-        owner, _, name = column.partition(".")
-        variable = declarations[owner].variables.get(name) if owner in declarations else None
-        if variable is not None:
-            table[column] = {"unit": variable.unit or "", "description": variable.description or ""}
+        owner, name = split_owner(column, declarations)
+        variable = declarations[owner].variables[name]
+        table[column] = {"unit": variable.unit or "", "description": variable.description or ""}
     return table
 
 
 def _timing(recording: Recording, pace: float | None) -> dict[str, Any]:
     """Steps, time of the stepping loop, and lateness of a run at `pace` simulated seconds for each second."""
-    simulated = float(recording.time[-1])
+    simulated = float(recording.time[-1] - recording.time[0])
     timing: dict[str, Any] = {
         "steps": recording.steps,
         "wall_s": recording.wall_seconds,

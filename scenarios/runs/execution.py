@@ -54,8 +54,8 @@ def execute(
             _row_file(prepared, observer),
         )
     measure(recording, prepared.scenario.sensor, prepared.step * prepared.settings.decimate)
-    if prepared.settings.units_row:
-        recording.units = [prepared.unit_of(column) for column in recording.columns]
+    recording.units = {column: prepared.unit_of(column) for column in recording.columns}
+    recording.units_row = prepared.settings.units_row
     if recording.ended:
         observer.notify(recording.ended)
     return recording

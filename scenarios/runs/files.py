@@ -6,23 +6,31 @@ from typing import Any
 
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Figure
+from flexbeams.scenarios.report.decimation import thinned
 from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
+from flexbeams.scenarios.report.overview import OVERVIEW, overview_plot
+from flexbeams.scenarios.report.plots import Plot
 from flexbeams.scenarios.results.files import json_values, write_formats
 from flexbeams.scenarios.results.folder import SUMMARY, ResultFolder
-from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.results.run import Kind, Run
 
 REPORT = "report.html"
 
 
-def summary_head(name: str, changed: Mapping[str, Any]) -> dict[str, Any]:
+def summary_head(kind: Kind, name: str, changed: Mapping[str, Any]) -> dict[str, Any]:
     """What summary.json says of a run that is not finished; `changed` as from changed_settings."""
-    return {"scenario": name, "settings": json_values(dict(changed))}
+    return {"kind": kind, "scenario": name, "settings": json_values(dict(changed))}
 
 
-def file_names(figures: Sequence[Figure], report: bool, formats: Sequence[Format]) -> list[str]:
+def figure_names(figures: Sequence[Figure] | None) -> list[str]:
+    """Names of the figures of a scenario, or of a package, which has none of its own (None)."""
+    return [OVERVIEW] if figures is None else [figure.file for figure in figures]
+
+
+def file_names(figures: Sequence[str], report: bool, formats: Sequence[Format]) -> list[str]:
     """Names of the files that a run writes."""
-    drawn = [f"{figure.file}.{kind}" for figure in figures for kind in ("png", "svg")]
+    drawn = [f"{name}.{kind}" for name in figures for kind in ("png", "svg")]
     return [SUMMARY, *(f"results.{kind}" for kind in formats), *([REPORT] if report else []), *drawn]
 
 
@@ -31,7 +39,8 @@ def write_run(
 ) -> None:
     """Writes the files of a run into the folder `path`; InputError for a file in the way that no earlier run wrote."""
     with ResultFolder(path) as folder:
-        folder.require_free(file_names(run.scenario.figure if figures else [], report, formats))
+        names = figure_names(None if run.kind == "package" else run.scenario.figure) if figures else []
+        folder.require_free(file_names(names, report, formats))
         write_files(run, folder, figures=figures, report=report, formats=formats)
 
 
@@ -44,15 +53,15 @@ def write_files(
     formats: Sequence[Format] = ("csv",),
     figure_process: FigureProcess | None = None,
 ) -> None:
-    """Writes results.csv (or other formats), the scenario's figures, report.html and summary.json.
+    """Writes results.csv (or other formats), figures, report.html and summary.json.
 
-    Incomplete runs have neither report nor figures, packages no figures. Figures are drawn by the process if there is
-    one. The rows of a long run that are in a file of the folder are gone then. Raises InputError for a file that cannot
-    be written.
+    Incomplete runs have neither report nor figures. Figures are those of the scenario, or one of all signals for a
+    package; they are drawn by the process if there is one. The rows of a long run that are in a file of the folder are
+    gone then. Raises InputError for a file that cannot be written.
     """
     complete, summary = run.recording.complete, json_values(run.summary)
-    folder.begin(summary_head(run.name, run.summary["settings"]))
-    plots = figure_plots(run.scenario, run.recording, folder.path, run.open_loop) if figures and complete else []
+    folder.begin(summary_head(run.kind, run.name, run.summary["settings"]))
+    plots = _plots(run, folder.path) if figures and complete else []
     if plots and figure_process:
         figure_process.start(plots)
     write_formats(folder, run.recording, summary, formats)
@@ -73,3 +82,10 @@ def write_files(
     if run.recording.file is not None and run.recording.file.path is not None:
         run.recording.release()
     folder.finish(summary)
+
+
+def _plots(run: Run, folder: Path) -> list[Plot]:
+    if run.kind == "scenario":
+        return figure_plots(run.scenario, run.recording, folder, run.open_loop)
+    plot = overview_plot(thinned(run.recording), run.scenario.title, folder)
+    return [] if plot is None else [plot]

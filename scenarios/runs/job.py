@@ -18,8 +18,8 @@ from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.checks import Outcome
 from flexbeams.scenarios.results.files import json_values
 from flexbeams.scenarios.results.folder import ResultFolder
-from flexbeams.scenarios.results.run import Run
-from flexbeams.scenarios.runs.files import file_names, summary_head, write_files
+from flexbeams.scenarios.results.run import Kind, Run
+from flexbeams.scenarios.runs.files import figure_names, file_names, summary_head, write_files
 from flexbeams.scenarios.runs.observer import SILENT, Observer
 from flexbeams.scenarios.runs.package import ExtractedPackage, extracted_package, run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
@@ -47,6 +47,19 @@ class Job:
         return self.experiment.name
 
     @property
+    def kind(self) -> Kind:
+        """What the experiment is."""
+        return "scenario" if isinstance(self.experiment, ScenarioFile) else "package"
+
+    @property
+    def foreign(self) -> bool:
+        """Whether units run that were not built for it: those of a package, or FMUs that the scenario names."""
+        if not isinstance(self.experiment, ScenarioFile):
+            return True
+        files = [file for file in (self.experiment, self.experiment.open_loop) if file is not None]
+        return any(instance.fmu is not None for file in files for instance in file.scenario.instance.values())
+
+    @property
     def changed(self) -> dict[str, Any]:
         """The settings with which the run differs from its scenario."""
         scenario = self.experiment.scenario if isinstance(self.experiment, ScenarioFile) else None
@@ -56,7 +69,7 @@ class Job:
     def files(self) -> list[str]:
         """Names of the files that it writes."""
         scenario = self.experiment.scenario if isinstance(self.experiment, ScenarioFile) else None
-        figures = scenario.figure if scenario is not None and self.figures else []
+        figures = figure_names(None if scenario is None else scenario.figure) if self.figures else []
         return file_names(figures, self.report, self.formats)
 
 
@@ -115,10 +128,11 @@ def run_job(
     """
     with ResultFolder(job.folder) as folder:
         _require_own(job, folder.require_free(job.files), observer)
-        head = summary_head(job.name, job.changed)
+        head = summary_head(job.kind, job.name, job.changed)
         recorded = replace(observer, row_path=lambda: folder.begin_rows(head))
         settings = replace(job.settings, formats=tuple(job.formats), results_folder=job.folder)
         run = run_experiment(job.experiment, settings, recorded, designs)
+        observer.writing()
         with deferred_interrupt() as interrupted:
             status, message = _verdict(run, job.folder)
             write_files(
@@ -143,12 +157,13 @@ def run_job(
 
 
 def _require_own(job: Job, earlier: dict[str, Any], observer: Observer) -> None:
-    """A run of another scenario or with other settings is replaced in a folder that was named only, with a note."""
-    before = (earlier.get("scenario"), earlier.get("settings"))
-    if not earlier or before == (job.name, json_values(job.changed)):
+    """A run of another kind, name or settings is replaced in a folder that was named only, with a note."""
+    before = (earlier.get("kind", "scenario"), earlier.get("scenario"), earlier.get("settings"))
+    if not earlier or before == (job.kind, job.name, json_values(job.changed)):
         return
-    changes = ", ".join(f"{key} {value}" for key, value in (before[1] or {}).items()) or "its own settings"
-    held = f"a run of {before[0]} with {changes}"
+    changes = ", ".join(f"{key} {value}" for key, value in (before[2] or {}).items()) or "its own settings"
+    of_kind = f"the {before[0]} " if before[0] != job.kind else ""
+    held = f"a run of {of_kind}{before[1]} with {changes}"
     if not job.named_folder:
         raise InputError("", f"holds {held}; choose another folder with --out", source=str(job.folder))
     observer.notify(f"{job.folder}: replaces {held}")

@@ -17,9 +17,13 @@ def no_path() -> None:
     """No file: the rows of a long recording go to a temporary one."""
 
 
+def ignore_writing() -> None:
+    """Ignores that results are written."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Observer:
-    """Receives notes, one line each, and the progress of stepping: steps done and steps in all.
+    """Receives notes, one line each, the steps done and in all, and the beginning of writing.
 
     `row_path` is asked for the file of the rows before a long recording begins.
     """
@@ -27,6 +31,7 @@ class Observer:
     notify: Callable[[str], None] = ignore_note
     progress: Callable[[int, int], None] = ignore_progress
     row_path: Callable[[], Path | None] = no_path
+    writing: Callable[[], None] = ignore_writing
 
 
 SILENT = Observer()

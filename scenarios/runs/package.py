@@ -97,6 +97,7 @@ def run_package(file: Path | ExtractedPackage, settings: Settings, observer: Obs
             step=prepared.step,
             changed=changed,
             declarations=prepared.declarations,
+            kind="package",
         ),
     )
 

@@ -25,10 +25,10 @@ from flexbeams.scenarios.runs.scenario import unit_files
 from flexbeams.scenarios.simulation.native_stepper import stepper_library
 
 STARTING_TIME = 60.0  # s, for a worker's first message
-WRITING_TIME = 600.0  # s, for results, figures and report after the last step
+WRITING_TIME = 600.0  # s, for results, figures and report
 PROGRESS_INTERVAL = 0.1  # s between two messages of a job's progress
 
-Message = tuple[int, str, object]  # number of the job; begin, note, progress or end; its content
+Message = tuple[int, str, object]  # number of the job; begin, note, progress, writing or end; its content
 
 
 def prepare_all(jobs: Sequence[Job], display: Display) -> list[Design]:
@@ -128,7 +128,7 @@ class _Monitor:
                 self._end(number, self._result(future, number))
 
     def silence(self) -> float:
-        """Seconds since the last message; negative while a worker starts, and for WRITING_TIME after the last step."""
+        """Seconds since the last message; negative while a worker starts, and for WRITING_TIME while one writes."""
         return clock.monotonic() - self._heard
 
     def kill(self, reason: str) -> None:
@@ -165,9 +165,7 @@ class _Monitor:
         except queue.Empty:
             return
         name = self._jobs[number].name
-        self._heard = clock.monotonic()
-        if isinstance(content, tuple) and content[0] == content[1]:
-            self._heard += WRITING_TIME
+        self._heard = clock.monotonic() + (WRITING_TIME if kind == "writing" else 0.0)
         if kind == "begin":
             self._display.begin(name)
         elif kind == "note":
@@ -175,7 +173,7 @@ class _Monitor:
         elif kind == "progress":
             assert isinstance(content, tuple)
             self._display.progress(name, *content)
-        else:
+        elif kind == "end":
             self._ended.add(number)
 
 
@@ -217,11 +215,14 @@ def _run_job(number: int, job: Job, designs: Sequence[Design]) -> JobResult:
             last_message = clock.monotonic()
             _Parent.messages.put((number, "progress", (done, steps)))
 
+    def writing() -> None:
+        _Parent.messages.put((number, "writing", None))
+
     try:
         if _Parent.stop.is_set():
             raise KeyboardInterrupt
         _Parent.messages.put((number, "begin", None))
-        return run_job(job, Observer(notify=notify, progress=progress), designs)
+        return run_job(job, Observer(notify=notify, progress=progress, writing=writing), designs)
     except KeyboardInterrupt:
         return JobResult(name=job.name, status=INTERRUPTED, message="interrupted before it had results")
     except FlexbeamsError as error:

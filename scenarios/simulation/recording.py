@@ -34,7 +34,8 @@ class Recording:
     decimate: int = 1  # steps from row to row
     failure: UnitFailure | None = None
     interrupted: bool = False
-    units: list[str] = field(default_factory=list)  # of measurement, by column, where a run is asked for them
+    units: Mapping[str, str] = field(default_factory=dict)  # of measurement, by column, as far as they are known
+    units_row: bool = False  # whether results.csv has them in its second row
     ended: str = ""  # which unit ended the run before its stop time, a regular end
     frames: Frames | None = None  # of the animation, if it was recorded
     deflection_columns: list[str] = field(default_factory=list)  # <instance>.w[beam,station], not among the columns

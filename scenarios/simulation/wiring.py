@@ -104,6 +104,7 @@ class _Builder:
     ) -> None:
         self._notify, self._step = notify, step
         self._scenario, self._declarations, self._source, self._starts = scenario, declarations, source, starts
+        self._require_distinct_names()
         self._wiring = Wiring(size=0, sources={}, inputs={name: [] for name in declarations}, reads={}, spans={})
         self._extra = {  # signals that the scenario records in addition
             f"{owner}.{name}"
@@ -124,6 +125,17 @@ class _Builder:
             self._wiring.inputs[name] = [(v.name, indices[v.name]) for v in written]
         self._choose_columns()
         return self._wiring
+
+    def _require_distinct_names(self) -> None:
+        """InputError where <instance>.<variable> could be of either of two instances, one of which is named a.b."""
+        for owner, declaration in self._declarations.items():
+            if not any(other.startswith(f"{owner}.") for other in self._declarations):
+                continue
+            for name in declaration.variables:
+                other, rest = split_owner(f"{owner}.{name}", self._declarations)
+                if other != owner:
+                    rule = f"has a variable {name!r}, which cannot be told from {rest!r} of {other}; rename one of them"
+                    raise self._error(f"instance.{owner}", rule)
 
     def _error(self, key: str, rule: str, value: object = None) -> InputError:
         return InputError(key, rule, value, source=self._source)

@@ -227,6 +227,28 @@ def test_code_that_ends_or_hangs_is_one_line(
     assert lines[-1] == f"flexbeams: the code of a unit {complaint}"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals")
+def test_fmus_that_a_scenario_names_run_in_a_process_of_their_own(
+    shop: Shop, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the scenario or in the one that it is compared with; a failure leaves nothing behind."""
+    monkeypatch.chdir(shop.folder)
+    seen = [v for v in GAIN if v.name == "seen"]
+    scenario = 'title = "one"\nstructure = "single_beam"\nstop_time = 0.05\nstep = 0.01\n{}[instance.g]\nfmu = "{}"\n'
+    ForeignUnit(variables=seen, rules=["clock 5", "crash step"]).write(shop.folder / "bad.fmu")
+    ForeignUnit(variables=seen, rules=["clock 5"]).write(shop.folder / "good.fmu")
+    (shop.folder / "bad.toml").write_text(scenario.format("", "bad.fmu"))
+    (shop.folder / "compared.toml").write_text(scenario.format('open_loop = "bad.toml"\n', "good.fmu"))
+    (shop.folder / "good.toml").write_text(scenario.format("", "good.fmu"))
+    options = ["--no-figures", "--no-report", "--cache", str(shop.settings.build_folder)]
+    for name in ("bad", "compared"):
+        assert main(["run", f"{name}.toml", *options]) == 2
+        assert capsys.readouterr().err.splitlines()[-1] == "flexbeams: the code of a unit crashed (SIGABRT)"
+        assert not Path("results").exists()
+    assert main(["run", "good.toml", *options]) == 0
+    assert Path("results/good/results.csv").read_text().startswith("time,g.seen\n0.0,0.0\n0.01,0.01\n")
+
+
 def test_a_truncated_library_ends_with_one_line(
     shop: Shop, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -126,6 +126,24 @@ def test_tolerance_decides_the_status(tmp_path: Path, capsys: pytest.CaptureFixt
     assert not (tmp_path / "out").exists()
 
 
+def refuse(name: str) -> float:
+    raise AssertionError(f"{name} is not JSON")
+
+
+def test_json_has_no_infinities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A signal that is zero in the first run, and one that is no number, are infinitely different: null."""
+    first = run_folder_of(tmp_path / "a", columns=["plant.u[1]", "plant.u[2]"], scale=0.0)
+    values = np.stack([np.ones(101), np.full(101, np.nan)], axis=1)
+    file = csv_file(tmp_path / "b.csv", "time,u[1],u[2]", TIME, *values.T)
+    assert main(["compare", str(first), str(file), "--json", "--tolerance", "1e6"]) == 1
+    figures = json.loads(capsys.readouterr().out, parse_constant=refuse)
+    assert [(s["signal"], s["largest"], s["relative"]) for s in figures["signals"]] == [
+        ("plant.u[1]", 1.0, None),
+        ("plant.u[2]", None, None),
+    ]
+    assert figures["holds"] is False
+
+
 @pytest.mark.parametrize("kind", ["parquet", "mat"])
 def test_every_format_of_a_run_is_read_back(kind: str, tmp_path: Path) -> None:
     if kind == "parquet":

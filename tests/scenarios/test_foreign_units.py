@@ -311,7 +311,7 @@ def test_names_in_csv_headers_are_quoted_as_rfc_4180_has_them(
     assert lines[:2] == ['time,"g.der(x,1) ""a""",g.plain', "s,mm,"]
     assert next(csv.reader(lines)) == ["time", f"g.{name}", "g.plain"]
     read = read_results(tmp_path / "out/results.csv")
-    assert (read.columns, read.units) == ([f"g.{name}", "g.plain"], ["mm", ""])
+    assert (read.columns, read.units) == ([f"g.{name}", "g.plain"], {f"g.{name}": "mm", "g.plain": ""})
     assert np.array_equal(read.values, run.recording.values)
 
 
@@ -331,3 +331,21 @@ def test_a_step_done_before_the_end_is_recorded(bench: Bench, coupling: str) -> 
     for name in "abc":
         assert recording.values[:, recording.columns.index(f"{name}.clock")] == pytest.approx(recording.time)
     assert bench.notes == ["b ended the run at 0.04 s"]
+
+
+@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
+def test_a_failure_in_the_last_step_of_a_regular_end_keeps_the_recording(bench: Bench, coupling: str) -> None:
+    """Of a unit behind the one that ends the run: the rows before that step."""
+    for name, rule in (("ending", "finish 0.025"), ("failing", "discard 0.025")):
+        unit = stage(name, 2.0)
+        unit.rules += [rule, *(["error cannot go on"] if name == "failing" else [])]
+        unit.write(bench.folder / f"{name}.fmu")
+    text = '[instance.a]\nfmu = "ending.fmu"\n[instance.b]\nfmu = "failing.fmu"\n'
+    run = bench.run(text + drive("a.u", "constant = 1.0") + wire("a.y", "b.u"), coupling=coupling)
+    assert not run.passed
+    assert str(run.recording.failure).startswith("b failed at 0.03 s in fmi2DoStep: ")
+    assert (run.recording.ended, run.summary["complete"], run.outcomes) == ("", False, [])
+    assert "ended" not in run.summary
+    assert run.recording.time.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert run.recording.values[:, run.recording.columns.index("a.y")].tolist() == [2.0] * 4
+    assert run.recording.values[-1, run.recording.columns.index("b.y")] == 4.0

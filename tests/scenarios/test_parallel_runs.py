@@ -3,12 +3,15 @@
 import json
 import multiprocessing
 import os
+import queue
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +21,8 @@ from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.runs.job import FAILED, INTERRUPTED, OK, Job, run_job
-from flexbeams.scenarios.runs.observer import SILENT
-from flexbeams.scenarios.runs.parallel import prepare_all, run_parallel
+from flexbeams.scenarios.runs.observer import SILENT, Observer
+from flexbeams.scenarios.runs.parallel import _Monitor, prepare_all, run_parallel
 from flexbeams.scenarios.runs.progress import Display
 from tests.helpers import python_environment
 
@@ -247,3 +250,26 @@ def test_a_single_scenario_runs_in_this_process(
     monkeypatch.setattr(multiprocessing, "get_context", lambda *_: pytest.fail("a process was started"))
     path = write_scenario("alone", PLANT.format(stop=0.1, voltage=1.0))
     assert run(path, "--out", tmp_path, "--jobs", 3) == OK
+
+
+def test_a_worker_that_writes_is_not_taken_for_one_that_hangs(
+    at_run_folder: Path, tmp_path: Path, write_scenario: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says so once its units are freed, however the run ended; the last step alone says nothing."""
+    said: list[str] = []
+    monkeypatch.setattr("flexbeams.scenarios.runs.job.write_files", lambda *_, **__: said.append("written"))
+    observer = Observer(progress=lambda done, steps: said.append(f"{done}"), writing=lambda: said.append("writing"))
+    one = job(write_scenario("one", PLANT.format(stop=0.01, voltage=1.0)), tmp_path)
+    run_job(one, observer)
+    assert said[-3:] == ["50", "writing", "written"]
+
+    messages: queue.Queue[Any] = queue.Queue()
+    monitor = _Monitor([one], [Future()], messages, Display(["one"]), [])  # type: ignore[arg-type]
+    for kind, content, least, most in (
+        ("begin", None, 0.0, 1.0),
+        ("progress", (50, 50), 0.0, 1.0),
+        ("writing", None, -601.0, -599.0),
+    ):
+        messages.put((0, kind, content))
+        monitor.poll()
+        assert least <= monitor.silence() <= most, kind

@@ -188,3 +188,22 @@ def test_a_package_goes_beside_the_scenario_of_its_name() -> None:
     package = ExtractedPackage(file=Path("tracking.ssp"), package=None, descriptions={}, budget=None)  # type: ignore[arg-type]
     assert package.name == scenario.name
     assert (scenario.folder_name, package.folder_name) == ("tracking", "tracking-ssp")
+
+
+@pytest.mark.native
+def test_a_package_and_a_scenario_of_one_name_are_told_apart(
+    tmp_path: Path, at_run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "out"), "--no-report", "--no-figures"]
+    package = tmp_path / "single_beam.ssp"
+    assert main(["export", "single_beam", "--stop-time", "0.01", "-o", str(package)]) == 0
+    assert main(["run", str(package), *out]) == 0
+    capsys.readouterr()
+    assert main(["run", str(package), *out]) == 0
+    assert "replaces" not in capsys.readouterr().err
+    assert main(["run", "single_beam", *out]) == 0
+    note = f"{tmp_path}/out: replaces a run of the package single_beam with its own settings\n"
+    assert note in capsys.readouterr().err
+    assert main(["run", str(package), *out]) == 0
+    assert "replaces a run of the scenario single_beam with its own settings\n" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out/summary.json").read_text())["kind"] == "package"
