@@ -211,7 +211,7 @@ def test_hostile_texts_stay_texts(page, tracking, hostile):
         replace(
             tracking,
             scenario=scenario,
-            description=hostile,
+            description=f"{hostile} again",  # a description that repeats the title is left out
             name=hostile,
             summary={**tracking.summary, "checks": checks, "metrics": metrics},
         )
