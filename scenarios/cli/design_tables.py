@@ -10,6 +10,7 @@ from rich.table import Table
 from flexbeams.controller.analysis import Analysis, LoopAnalysis
 from flexbeams.scenarios.cli.tables import console
 
+_POINT_WIDTH, _GAIN_WIDTH = 13, 20  # characters of a column of points and of gains
 PLANTS = {"design": "the design's own plant", "exact": "the exact plant"}
 
 
@@ -43,7 +44,8 @@ def show_design(analysis: Analysis) -> None:
         out.print(f"... {len(s['frequencies'])} modes in all (--json lists all)")
     if s["real_eigenvalues"]:
         out.print("real poles, 1/s: " + ", ".join(f"{value:.3f}" for value in s["real_eigenvalues"][:12]))
-    out.print(_static_gains(s))
+    for table in static_gains(s, out.width):
+        out.print(table)
     for name, loop in analysis.loops.items():
         pole = loop.poles[0]
         out.print(f"closed loop on {PLANTS[name]}: least stable pole {pole.real:.3f} ± {abs(pole.imag):.2f}j 1/s")
@@ -105,16 +107,23 @@ def _show_statics(out: Console, analysis: Analysis) -> None:
         out.print(f"{word}s by their part in the Hankel singular values: {listed}")
 
 
-def _static_gains(s: dict[str, Any]) -> Table:
-    gains = Table(
-        title="static gains, mm per 1000 V (reduced model without correction in brackets)", title_justify="left"
-    )
-    gains.add_column("point", justify="right")
-    for k in range(s["inputs"]):
-        gains.add_column(f"u[{k + 1}]", justify="right")
-    for k, (full, red) in enumerate(zip(s["static_gain_pi"], s["static_gain_reduced_pi"], strict=True), 1):
-        gains.add_row(f"y_pi[{k}]", *[f"{1e6 * a:.3f} ({1e6 * b:.3f})" for a, b in zip(full, red, strict=True)])
-    return gains
+def static_gains(s: dict[str, Any], width: int) -> list[Table]:
+    """Tables of as many pairs as `width` characters take, at least two."""
+    tables = []
+    count = max(2, (width - _POINT_WIDTH) // _GAIN_WIDTH)
+    for first in range(0, s["inputs"], count):
+        pairs = range(first, min(first + count, s["inputs"]))
+        title = "static gains, mm per 1000 V (reduced model without correction in brackets)"
+        if len(pairs) < s["inputs"]:
+            title += f", pairs {pairs[0] + 1} to {pairs[-1] + 1}"
+        gains = Table(title=title, title_justify="left")
+        gains.add_column("point", justify="right")
+        for k in pairs:
+            gains.add_column(f"u[{k + 1}]", justify="right")
+        for point, (full, red) in enumerate(zip(s["static_gain_pi"], s["static_gain_reduced_pi"], strict=True), 1):
+            gains.add_row(f"y_pi[{point}]", *[f"{1e6 * full[k]:.3f} ({1e6 * red[k]:.3f})" for k in pairs])
+        tables.append(gains)
+    return tables
 
 
 def _nearest_modes(summary: dict[str, Any]) -> dict[int, list[float]]:

@@ -8,7 +8,9 @@ const palette = {};  // the colours of page.css, read once for each theme
 const colour = name => palette[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 function bytes(text) {
-  return Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+  const raw = atob(text), found = new Uint8Array(raw.length);
+  for (let k = 0; k < raw.length; k++) found[k] = raw.charCodeAt(k);
+  return found.buffer;
 }
 
 {

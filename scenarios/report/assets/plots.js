@@ -1,4 +1,5 @@
-// Plots with one time axis: zoom, hover and cursor are shared by all.
+// Plots with one time axis: zoom, hover and cursor are shared by all. Those near the visible part are drawn first; of a
+// page with many, others are drawn when they come near it.
 
 const plots = [];
 let marked = null;   // the time at which the animation stands
@@ -10,7 +11,7 @@ const markTime = t => {
 {
   const group = uPlot.sync("time");
   const first = document.getElementById("from"), last = document.getElementById("to");
-  const HEIGHT = 208, PRINTED = 215;
+  const HEIGHT = 208, PRINTED = 215, FEW = 24;
   let whole = [Infinity, -Infinity], shown = null, zooming = false;
 
   function zoom(low, high) {
@@ -47,12 +48,14 @@ const markTime = t => {
     axisName.textContent = panel.title.endsWith(panel.axis) ? "" : panel.axis;
     heading.append(`${panel.title} `, axisName);
     box.append(heading, place);
-    const time = read(panel.time);
-    whole = [Math.min(whole[0], time[0]), Math.max(whole[1], time[time.length - 1])];
-    return {box, place, panel, time};
+    place.style.height = `${HEIGHT}px`;
+    const [begin, end] = ends(panel.time);
+    whole = [Math.min(whole[0], begin), Math.max(whole[1], end)];
+    return {box, place, panel};
   }
 
-  function fill({box, place, panel, time}) {
+  function fill({box, place, panel}) {
+    place.style.height = "";
     const single = panel.curves.length === 1;
     panel.curves.forEach((curve, k) => { curve.colour = single ? 2 : k % 6 + 1; });
     const axis = {stroke: () => colour("faint"), grid: {stroke: () => colour("line"), width: 1},
@@ -75,7 +78,7 @@ const markTime = t => {
           value.textContent = v == null ? "" : `${short(v)} ${panel.unit}`;
         })],
       },
-    }, [time, ...panel.curves.map(curve => read(curve.values))], place);
+    }, [read(panel.time), ...panel.curves.map(curve => read(curve.values))], place);
     const names = legend(panel, chart);
     values = names.values;
     box.append(names.list);
@@ -105,23 +108,63 @@ const markTime = t => {
     plots.push({chart, mark});
   }
 
-  const waiting = [...document.querySelectorAll("[data-group]")].flatMap(place => {
-    const made = data.groups[place.dataset.group].panels.map(frame);
-    place.append(...made.map(f => f.box));
-    return made;
+  const groups = [...document.querySelectorAll("[data-group]")].map(place => {
+    const {title, panels} = data.groups[place.dataset.group], frames = panels.map(frame);
+    place.append(...frames.map(f => f.box));
+    return {fold: place.closest("details"), title, frames};
   });
+  const waiting = new Map(groups.flatMap(group => group.frames.map(f => [f.box, f])));
+  const near = [];   // boxes to fill: those that came near last are first
+  const fillBox = box => {
+    const found = waiting.get(box);
+    if (found && waiting.delete(box)) fill(found);
+  };
   // One plot at a time, so that the page is there at once and answers meanwhile
   const fillNext = () => {
-    if (waiting.length) {
-      fill(waiting.shift());
+    if (near.length) {
+      fillBox(near.shift());
       setTimeout(fillNext);
     }
   };
-  if (waiting.length) {
+  const approach = boxes => {
+    const idle = !near.length;
+    near.unshift(...boxes);
+    if (idle) setTimeout(fillNext);
+  };
+  const many = waiting.size > FEW;
+  if (waiting.size) {
     zoom(...whole);
-    setTimeout(fillNext);
+    const watch = new IntersectionObserver(entries => approach(entries.filter(e => e.isIntersecting).map(e => e.target)),
+                                           {rootMargin: "50%"});
+    if (many) waiting.forEach((_, box) => watch.observe(box));
+    else approach(waiting.keys());
   }
-  addEventListener("beforeprint", () => waiting.splice(0).forEach(fill));
+  let folded = [];   // groups that are open on paper only
+  addEventListener("beforeprint", () => {
+    folded = groups.filter(group => !group.fold.open);
+    folded.forEach(group => { group.fold.open = true; });
+    [...waiting.keys()].forEach(fillBox);
+  });
+  addEventListener("afterprint", () => folded.splice(0).forEach(group => { group.fold.open = false; }));
+
+  const filter = document.getElementById("filter"), found = document.getElementById("found");
+  filter.closest("label").hidden = !many;
+  filter.addEventListener("input", () => {
+    const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+    let count = 0;
+    for (const {fold, title, frames} of groups) {
+      const shownFrames = frames.filter(({box, panel}) => {
+        const text = [title, panel.title, panel.axis, ...panel.curves.map(c => c.label)].join(" ").toLowerCase();
+        const matches = words.every(word => text.includes(word));
+        box.hidden = !matches;
+        return matches;
+      });
+      count += shownFrames.length;
+      fold.hidden = words.length > 0 && !shownFrames.length;
+      if (words.length && shownFrames.length) fold.open = true;
+    }
+    found.textContent = words.length ? `${count} of ${groups.reduce((n, g) => n + g.frames.length, 0)}` : "";
+  });
   document.querySelectorAll("[data-zoom]").forEach(
     button => button.addEventListener("click", actions[button.dataset.zoom]));
   document.querySelectorAll("[data-window]").forEach(
