@@ -55,7 +55,7 @@ class Opened:
         page.on("request", lambda request: self.requests.append(request.url))
         page.route("**/*", lambda route: route.continue_() if route.request.url == file.as_uri() else route.abort())
         page.goto(file.as_uri())
-        self.wait(f"(n => plots.length >= (n > {FEW} ? 2 : n))(data.groups.flatMap(g => g.panels).length)")
+        self.wait(f"(n => n > {FEW} || plots.length === n)(data.groups.flatMap(g => g.panels).length)")
 
     def wait(self, expression: str) -> None:
         """Until an expression holds; the page's own rules forbid Playwright's wait_for_function."""
@@ -331,4 +331,6 @@ def test_comparison_loads_without_complaint_or_request(opened, run_folder, tmp_p
     assert shown.requests == [file.as_uri()]
     assert shown.page.locator("#checks tbody tr").count() > 3
     assert shown.page.evaluate("document.documentElement.scrollWidth") <= 390
+    shown.page.locator("#signals").scroll_into_view_if_needed()
+    shown.wait("document.querySelector('.panel canvas') !== null")
     assert shown.changes(PLOT, lambda: shown.page.locator("[data-zoom=in]").click())
