@@ -19,6 +19,8 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 
+_RANK_TOLERANCE = 1e-9  # of the largest singular value: smaller ones of a pseudo-inverse are rounding
+
 
 @dataclass(frozen=True, kw_only=True)
 class TickMatrices:
@@ -35,6 +37,7 @@ class TickMatrices:
     regulator: Array  # (2 n_u, s + n_u): [K, 0; G_0^+ H_pi, G_0^+ D_pi]
     estimates: Array  # (n_pi, s + n_u): [H_pi, D_pi]
     strains: Array  # (n_pm, s + n_u): [H_pm, D_pm]
+    integral_range: Array  # (n_u, n_u): orthogonal projection onto the range of G_0^+, where the integral lives
 
 
 def tick_matrices(arrays: Mapping[str, Array]) -> TickMatrices:
@@ -60,4 +63,14 @@ def tick_matrices(arrays: Mapping[str, Array]) -> TickMatrices:
         regulator=np.vstack([np.hstack([K, np.zeros((len(K), len(K)))]), G @ estimates]),
         estimates=estimates,
         strains=np.hstack([H, D]),
+        integral_range=_range_projection(G),
     )
+
+
+def _range_projection(G: Array) -> Array:
+    """The orthogonal projection (n_u, n_u) onto the range of G (n_u, n_pi); the unit matrix itself at full rank."""
+    directions, sigma, _ = np.linalg.svd(G)
+    rank = int(np.count_nonzero(sigma > _RANK_TOLERANCE * max(sigma[0], np.finfo(float).tiny)))
+    within = directions[:, :rank]
+    projection: Array = np.eye(len(G)) if rank == len(G) else within @ within.T
+    return projection

@@ -7,10 +7,12 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
+from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.fmus.python.kernel import UnitError
 from flexbeams.fmus.python.slave import Unit
 
 MOST_REJECTED = 2**31 - 1  # largest Integer of FMI
+DEPENDENT = 1e-8  # square of what is left of a unit vector that others imply
 
 
 class TrackingController(Unit):
@@ -21,7 +23,8 @@ class TrackingController(Unit):
         self._y_pm, self._u_ff, self._x_ref = self.view("y_pm"), self.view("u_ff"), self.view("x_ref")
         self._u, self._y_est, self._x_est = self.view("u"), self.view("y_est"), self.view("x_est")
         self._feedback, self._integral_gain = self.view("feedback"), self.view("integral_gain")
-        self._limit, self._saturated = self.view("voltage_limit"), self.view("saturated")
+        self._saturated, self._share = self.view("saturated"), self.view("saturation_share")
+        self._limits = self.values[self.span("voltage_limit").start : self.span("voltage_max").stop]
         n_u, m, states = len(self._u), len(self._x_est), len(self.data["filter"])
         first = self.span("x_est").start
         self._estimate = self.values[first : first + states]  # x_est, then the offsets of the offset-free observer
@@ -39,6 +42,10 @@ class TrackingController(Unit):
         self._integral = self.state_array("integral", n_u)  # V
         self._tick = self.state_array("tick", 1, np.int64)  # ticks run since the start
         self._in_a_row = self.state_array("rejected_in_a_row", len(self._y_pm))  # strain samples that were left out
+        self._lowest, self._highest = self.state_array("lowest", n_u), self.state_array("highest", n_u)  # V, in force
+        self._saturated_ticks = self.state_array("saturated_ticks", 1)
+        self._integral_range = self.data["integral_range"]
+        self._settled = b""  # the limits' parameters, once those in force have followed
 
     def _side_by_side(self, **parts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The matrix that applies each part to the unit's signals, from the variable of its name on."""
@@ -56,14 +63,21 @@ class TrackingController(Unit):
         self._integral[:] = 0.0
         self._tick[0] = 0
         self._in_a_row[:] = self._rejected_samples[0] = 0.0
+        limits = self._wanted_limits()
+        self._lowest[:], self._highest[:] = limits.lowest, limits.highest
+        self._settled = b""
+        self._saturated_ticks[0] = self._share[0] = 0.0
         self._write_outputs(self._u_ff)
 
     def restore(self) -> None:
-        """Check the counts, of which an absurd one would keep the next step busy for ever."""
-        tick, in_a_row = int(self._tick[0]), self._in_a_row
+        """Check what an absurd state would spoil: counts that keep the next step busy for ever, limits, the share."""
+        self._settled = b""
+        tick, in_a_row, saturated = int(self._tick[0]), self._in_a_row, float(self._saturated_ticks[0])
         behind = self.clock.elapsed / self.meta["sample_time"] - tick
         counts = ((in_a_row >= 0) & (in_a_row <= MOST_REJECTED) & (in_a_row == np.floor(in_a_row))).all()
-        if not (abs(behind) <= 2 + 4 * sys.float_info.epsilon * tick and counts):
+        limits = np.concatenate((-self._lowest, self._highest))
+        limited = ((limits >= 0) & (limits < np.inf)).all() and 0 <= saturated <= tick and saturated.is_integer()
+        if not (abs(behind) <= 2 + 4 * sys.float_info.epsilon * tick and counts and limited):
             self._refuse_state()
 
     def advance(self, time: float, step: float) -> None:
@@ -85,17 +99,58 @@ class TrackingController(Unit):
             self._screen_samples(~(np.abs(y_pm) <= limit))
             self._estimate[:] = self._predict @ self._signals
             y_pm[:] = measured
-        if not self._feedback[0]:
+        self._follow_limits()
+        if self._feedback[0]:
+            self._regulate_voltages()
+        else:
             self._offsets[:] = 0.0
             self._integral[:] = 0.0
             self._write_outputs(self._u_ff)
+        self._saturated_ticks[0] += self._saturated[0]
+        self._share[0] = self._saturated_ticks[0] / (self._tick[0] + 1)
+
+    def _wanted_limits(self) -> VoltageLimits:
+        limit, (minimum, maximum) = float(self._limits[0]), self._limits[1:].reshape(2, -1)
+        return VoltageLimits.joined(limit, minimum, maximum)
+
+    def _follow_limits(self) -> None:
+        """The limits in force follow the parameters: narrower ones at once, wider ones by so much in a sample."""
+        if (parameters := self._limits.tobytes()) == self._settled:
             return
+        wanted, widening = self._wanted_limits(), self.meta["widening"]
+        self._lowest[:] = np.maximum(wanted.lowest, self._lowest - widening)
+        self._highest[:] = np.minimum(wanted.highest, self._highest + widening)
+        if (self._lowest == wanted.lowest).all() and (self._highest == wanted.highest).all():
+            self._settled = parameters
+
+    def _regulate_voltages(self) -> None:
         proportional, growth = (self._regulate @ self._signals).reshape(2, -1)
         growth *= self._integral_gain[0]
         voltages = proportional + self._integral
-        if self._write_outputs(voltages):  # anti-windup: a voltage at its limit does not integrate further out
-            growth[(np.abs(voltages) > self._limit[0]) & (voltages * growth > 0)] = 0.0
+        if self._write_outputs(voltages):
+            self._hold_windup(voltages, growth)
         self._integral += growth
+
+    def _hold_windup(self, voltages: NDArray[np.float64], growth: NDArray[np.float64]) -> None:
+        """Leave in the integral's growth what drives no voltage further into its limit.
+
+        It becomes the nearest within the range of G_0^+ that leaves the integrals of these voltages as they are. What
+        left that range no deviation would ever take back. The first voltage that winds up is held, then the first of
+        those that still or now do.
+        """
+        above, below = voltages > self._highest, voltages < self._lowest
+        held, directions = np.zeros(len(growth), dtype=bool), np.zeros((0, len(growth)))
+        while (winding := ~held & ((above & (growth > 0)) | (below & (growth < 0)))).any():
+            k = int(np.argmax(winding))
+            direction = self._integral_range[k].copy()
+            for other in directions:
+                direction -= (other @ direction) * other
+            square = float(direction @ direction)
+            if square > DEPENDENT:
+                growth -= (direction @ growth) / square * direction
+                directions = np.vstack([directions, direction / np.sqrt(square)])
+            growth[k] = 0.0
+            held[k] = True
 
     def _screen_samples(self, beyond: NDArray[np.bool_]) -> None:
         """Put what estimate and voltages predict in place of strain samples: it leaves the estimate as it is."""
@@ -119,10 +174,9 @@ class TrackingController(Unit):
         self._y_pm[beyond] = predicted[beyond]
 
     def _write_outputs(self, voltages: NDArray[np.float64]) -> bool:
-        """Voltages within the limit, and the deflections estimated with them; True where the limit reduces one."""
-        limit = self._limit[0]
-        saturated = bool(voltages.max() > limit or voltages.min() < -limit)
-        self._u[:] = np.clip(voltages, -limit, limit) if saturated else voltages
+        """Voltages within the limits in force, and the deflections estimated with them; True where one is reduced."""
+        np.minimum(np.maximum(voltages, self._lowest), self._highest, out=self._u)
+        saturated = bool((self._u != voltages).any())
         self._saturated[0] = saturated
         self._y_est[:] = self._estimates @ np.concatenate((self._estimate, self._u))
         return saturated

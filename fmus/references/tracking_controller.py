@@ -1,6 +1,7 @@
 """Reference results of TrackingController: (42) to (45) one after the other, where the kernels have few matrices."""
 
 import numpy as np
+from scipy.linalg import null_space
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.references.experiments import Experiment, Series, digits, names_of
@@ -48,7 +49,8 @@ def controller_response(
 ) -> Array:
     """u, y_est and saturated (0 or 1), (k, n_u + n_pi + 1), at the ticks to which y_pm, u_ff, x_ref (k, .) belong.
 
-    (42c), (44), (45) with clipped voltages; an integral that drives a voltage further beyond the limit is held.
+    (42c), (44), (45) with clipped voltages; an integral that drives a voltage further beyond the limit is held, and
+    the others' integrals grow so that the sum stays a voltage of G_0^+.
     With the offset-free observer the strain offsets d have a target calculator of their own.
     """
     a, options = design.arrays, design.options
@@ -71,7 +73,23 @@ def controller_response(
         du = -G @ (W @ d)
         error = a["H_pi"] @ (x_ref[k] - x_next) + a["D_pi"] @ (u_ff[k] - u) - W @ d
         wanted = u_ff[k] + du + K @ (x_ref[k] + np.linalg.solve(np.eye(len(A)) - A, B @ du) - x_next) + integral
-        growth = gain * (G @ error)
-        integral = integral + np.where((np.abs(wanted) > limit) & (wanted * growth > 0), 0.0, growth)
+        integral = integral + _growth_without_windup(
+            G, gain * (G @ error), np.where(np.abs(wanted) > limit, wanted, 0.0)
+        )
         x = x_next
     return np.array(rows)
+
+
+def _growth_without_windup(G: Array, growth: Array, beyond: Array) -> Array:
+    """The growth G a nearest to the given one that is zero in every pair that it drives further out.
+
+    `beyond` (n_u,) are voltages beyond their limits, others 0. Pairs are held one after the other, from the first on.
+    """
+    kept, held = growth, np.zeros(len(growth), dtype=bool)
+    directions, sigma, _ = np.linalg.svd(G)
+    basis = directions[:, : np.count_nonzero(sigma > 1e-9 * max(sigma[0], np.finfo(float).tiny))]
+    while (winding := ~held & (beyond * kept > 0)).any():
+        held[int(np.argmax(winding))] = True
+        free = basis @ null_space(basis[held])
+        kept = np.where(held, 0.0, free @ (free.T @ growth))
+    return kept

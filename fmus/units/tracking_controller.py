@@ -12,7 +12,10 @@ from flexbeams.fmus.references.tracking_controller import controller_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
 from flexbeams.fmus.units.native_kernel import NATIVE, Fields, NativeKernel, Table, UnitData, first_references
 from flexbeams.fmus.units.ranges import state_range, voltage_range
+from flexbeams.fmus.units.voltage_limits import VOLTAGE_LIMITS, voltage_limits
 from flexbeams.plant.galerkin import BeamModel
+
+WIDENING_TIME = 0.2  # s, in which a limit in force widens by the design's voltage limit
 
 
 def declare(design: Design, model: BeamModel) -> Interface:
@@ -34,7 +37,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
             ),
             *_offsets(design),
             *_parameters(design),
-            _rejected(),
+            *_counts(),
             design_id_variable(design),
         ),
         step_size=design.options.sample_time,
@@ -124,17 +127,7 @@ def _parameters(design: Design) -> Iterator[Variable]:
         description="k_I of (45), fraction of the deflection error corrected per sample; above the maximum the closed "
         "loop is unstable",
     )
-    yield Variable(
-        name="voltage_limit",
-        causality="parameter",
-        variability="tunable",
-        start=design.options.voltage_limit,
-        minimum=0.0,
-        maximum=voltage_range(design)["maximum"],
-        unit="V",
-        nominal=design.options.voltage_limit,
-        description="Largest magnitude of the output voltages",
-    )
+    yield from voltage_limits(design, "output voltages")
     yield Variable(
         name="strain_limit",
         causality="parameter",
@@ -156,8 +149,14 @@ def _parameters(design: Design) -> Iterator[Variable]:
     )
 
 
-def _rejected() -> Variable:
-    return Variable(
+def _counts() -> Iterator[Variable]:
+    yield Variable(
+        name="saturation_share",
+        causality="local",
+        unit="1",
+        description="Share of the samples since the start with a voltage held at a limit",
+    )
+    yield Variable(
         name="rejected_samples",
         type="Integer",
         causality="local",
@@ -166,7 +165,7 @@ def _rejected() -> Variable:
 
 
 def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitData:
-    """The matrices of a tick, see controller.observer: filter, regulator, estimates, strains."""
+    """The matrices of a tick, see controller.observer."""
     matrices = tick_matrices(design.arrays)
     return UnitData(
         arrays={
@@ -174,8 +173,13 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
             "regulator": matrices.regulator,
             "estimates": matrices.estimates,
             "strains": matrices.strains,
+            "integral_range": matrices.integral_range,
         },
-        meta={"sample_time": design.options.sample_time, "design_id": design.design_id},
+        meta={
+            "sample_time": design.options.sample_time,
+            "widening": design.options.voltage_limit * design.options.sample_time / WIDENING_TIME,
+            "design_id": design.design_id,
+        },
     )
 
 
@@ -186,10 +190,11 @@ _REFERENCED = (
     "u",
     "y_est",
     "saturated",
+    "saturation_share",
     "x_est",
     "feedback",
     "integral_gain",
-    "voltage_limit",
+    *VOLTAGE_LIMITS,
     "strain_limit",
     "rejected_limit",
     "rejected_samples",
@@ -207,6 +212,7 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
         "points": points,
         "gauges": gauges,
         "sample_time": float(data.meta["sample_time"]),
+        "widening": float(data.meta["widening"]),
         **first_references(interface, *_REFERENCED),
         "filter": Table(
             values=data.arrays["filter"],
@@ -232,6 +238,10 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
             comment=f"[H_pm, D_pm] of the strains predicted, ({gauges}, {states} + {voltages}), 1 and 1/V",
             in_panels=True,
         ),
+        "integral_range": Table(
+            values=data.arrays["integral_range"],
+            comment=f"projection onto the range of G_0^+, where the integral lives, ({voltages}, {voltages}), 1",
+        ),
     }
 
 
@@ -243,7 +253,7 @@ TRACKING_CONTROLLER = UnitKind(
         equations="""
 A steady-state Kalman filter, equation (42) of the paper, a linear-quadratic regulator (44) and integral action (45):
 = x_est(k+1) = A_d x_est(k) + B_d u(k) + L (y_pm(k) − H_pm x_est(k) − D_pm u(k))
-= w(k) = u_ff(k) + K (x_ref(k) − x_est(k)) + z(k) ; u(k) = min(max(w(k) , −u_max) , u_max)
+= w(k) = u_ff(k) + K (x_ref(k) − x_est(k)) + z(k) ; u(k) = min(max(w(k) , u_min) , u_max)
 = z(k+1) = z(k) + k_I G_0^+ (H_pi (x_ref − x_est) + D_pi (u_ff − u))
 A unit with the variables offset has the offset-free observer: d = offset are strains that the model does not explain,
 W d the deflections that belong to them over the declared uncertainty of the parameters, and l their rate:
@@ -254,8 +264,13 @@ A strain sample beyond strain_limit is left out: its gauge's term of the correct
 start gives a line and fmi2Warning, rejected_samples counts them, rejected_limit of one gauge in a row give fmi2Error.
 Counted are ticks of the controller (its samples), also those inside one longer step, which see its inputs held.
 G₀⁺ is the pseudo-inverse of the static gain from voltages to deflections: that gain is negative, a positive
-factor alone would destabilise. A voltage at its limit u_max = voltage_limit does not integrate further out. With
-feedback off, the feedforward's voltages pass through.
+factor alone would destabilise. With feedback off, the feedforward's voltages pass through.
+The limits are voltage_limit of all magnitudes, voltage_min and voltage_max of each pair: u_min is the larger of
+voltage_min and −voltage_limit, u_max the smaller of voltage_max and voltage_limit. A limit that is narrowed holds from
+the next sample on; one that is widened moves there at the design's voltage limit in 0.2 s, so that no voltage jumps.
+saturation_share is the share of the samples since the start with a voltage held at a limit. The integral of a voltage
+that is held does not grow further out; the rest of the growth stays within the range of G₀⁺, since what left it no
+deviation would ever take back.
 """,
         timing="""
 The unit runs on its own clock, whose period is the sample time of the design. The voltages after a step

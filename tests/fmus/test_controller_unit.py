@@ -16,7 +16,8 @@ class Recursion:
     """(42), (44), (45) tick by tick: u is the voltage that the last tick put out."""
 
     structure: str = "kiel"
-    limit: float = 1000.0
+    limit: float | Real = 1000.0
+    lowest: float | Real | None = None  # where it is not -limit
     integral_gain: float = 1e-4
     feedback: bool = True
     x: Real = field(default_factory=lambda: np.zeros(0))
@@ -26,10 +27,13 @@ class Recursion:
 
     def begin(self, u_ff: Real, x_ref: Real) -> "Recursion":
         self.a = design_of(self.structure).arrays
-        self.x, self.u = x_ref.copy(), np.clip(u_ff, -self.limit, self.limit)
-        self.integral = np.zeros(len(u_ff))
-        self.saturated = bool((np.abs(u_ff) > self.limit).any())
+        self.x, self.integral = x_ref.copy(), np.zeros(len(u_ff))
+        self.put_out(u_ff)
         return self
+
+    def put_out(self, wanted: Real) -> None:
+        self.u = np.clip(wanted, -self.limit if self.lowest is None else self.lowest, self.limit)
+        self.saturated = bool((self.u != wanted).any())
 
     def tick(self, y_pm: Real, u_ff: Real, x_ref: Real) -> None:
         a, before = self.a, self.u
@@ -39,10 +43,9 @@ class Recursion:
         wanted = u_ff + a["feedback_gain"] @ error + self.integral if self.feedback else u_ff
         missed = a["H_pi"] @ error + a["D_pi"] @ (u_ff - before)
         growth = self.integral_gain * a["static_inverse"] @ missed
-        outward = (np.abs(wanted) > self.limit) & (np.sign(wanted) == np.sign(growth))
+        self.put_out(wanted)
+        outward = (wanted - self.u) * growth > 0
         self.integral = self.integral + np.where(outward, 0.0, growth) if self.feedback else 0 * self.integral
-        self.u = np.clip(wanted, -self.limit, self.limit)
-        self.saturated = bool((np.abs(wanted) > self.limit).any())
 
     def values(self) -> Real:
         """u, y_est, saturated, x_est."""
@@ -88,6 +91,84 @@ def test_runs_the_recursion(units: BuiltUnits, structure: str, limit: float) -> 
     saturated = np.array(wanted)[:, n_u + n_pi]
     assert saturated.any() or limit == 1000.0
     assert not saturated.all()
+
+
+def test_limits_of_each_pair(units: BuiltUnits) -> None:
+    """Those of a pair where they are narrower than that of all, on one side only; a pair may have to stay at zero."""
+    y_pm, u_ff, x_ref = signals("kiel", 200)
+    lowest, highest = np.array([-450.0, -80.0, 0.0, -450.0]), np.array([100.0, 450.0, 0.0, 450.0])
+    other = Recursion(limit=highest, lowest=lowest).begin(u_ff[0], x_ref[0])
+    with loaded(units("TrackingController")) as unit:
+        unit.begin(
+            voltage_limit=450.0,
+            voltage_min=[-500.0, -80.0, 0.0, -1e4],
+            voltage_max=[100.0, 450.0, 0.0, 1e308],
+            u_ff=u_ff[0],
+            x_ref=x_ref[0],
+        )
+        found, wanted, saturated = [shown(unit)], [other.values()], 0
+        for k, row in enumerate(zip(y_pm, u_ff, x_ref, strict=True), 1):
+            other.tick(*row)
+            saturated += other.saturated
+            wanted.append(other.values())
+            found.append(shown(unit.advance(SAMPLE, **dict(zip(("y_pm", "u_ff", "x_ref"), row, strict=True)))))
+            assert unit.take("saturation_share")[0] == saturated / k
+    assert_same(np.array(found), np.array(wanted), 4, 4)
+    u = np.array(wanted)[:, :4]
+    assert (u == lowest).any(axis=0).all()
+    assert (u == highest).any(axis=0).all()
+
+
+def limits_in_force(unit: Loaded) -> tuple[Real, Real]:
+    """What feedforward voltages far beyond are held at, lowest and highest, after a sample for each."""
+    low = unit.advance(SAMPLE, u_ff=-1e4).take("u")
+    return low, unit.advance(SAMPLE, u_ff=1e4).take("u")
+
+
+def test_a_limit_narrows_at_once_and_widens_without_a_jump(units: BuiltUnits) -> None:
+    """By the design's limit in 0.2 s, 1 V a sample, and not beyond what the parameters say."""
+    with loaded(units("TrackingController")) as unit:
+        unit.begin(feedback=False, u_ff=1e4)
+        unit.put("voltage_max", [1e4, 300.0, 20.0, 0.0])
+        assert unit.take("u").tolist() == [1000.0] * 4
+        assert unit.advance(SAMPLE).take("u").tolist() == [1000.0, 300.0, 20.0, 0.0]
+        unit.put("voltage_max", [1e4, 303.5, 1e4, 2.0])
+        unit.put("voltage_limit", 990.0)
+        found = [unit.advance(SAMPLE).take("u").tolist() for _ in range(5)]
+        assert found == [[990.0, min(300.0 + k, 303.5), 20.0 + k, min(float(k), 2.0)] for k in range(1, 6)]
+        assert unit.advance(1000 * SAMPLE).take("u").tolist() == [990.0, 303.5, 990.0, 2.0]
+        unit.put("voltage_limit", 1500.0)
+        unit.put("voltage_min[1]", -5.0)
+        low, high = limits_in_force(unit)
+        assert low.tolist() == [-5.0, -991.0, -991.0, -991.0]
+        assert high.tolist() == [992.0, 303.5, 992.0, 2.0]
+
+
+def test_limits_in_force_and_the_share_are_part_of_the_state(units: BuiltUnits) -> None:
+    """Saved while they widen: the other instance goes on with the same bits; parameters and a reset start anew."""
+    folder = units("TrackingController")
+    y_pm, u_ff, x_ref = signals("kiel", 60)
+
+    def row(k: int) -> dict[str, Real]:
+        return {"y_pm": y_pm[k], "u_ff": 3 * u_ff[k], "x_ref": x_ref[k]}
+
+    with loaded(folder) as one, loaded(folder) as other:
+        one.begin(voltage_min=-1.5, voltage_max=[40.0, 30.0, 20.0, 10.0])
+        for k in range(30):
+            one.advance(SAMPLE, **row(k))
+        one.put("voltage_min", -250.0)
+        one.put("voltage_max", 1e4)
+        for k in range(30, 40):
+            one.advance(SAMPLE, **row(k))
+        other.begin(voltage_limit=3.0).advance(SAMPLE)
+        other.restore(one.saved())
+        for k in range(40, 60):
+            expected = one.advance(SAMPLE, **row(k)).everything()
+            np.testing.assert_array_equal(other.advance(SAMPLE, **row(k)).everything(), expected)
+        assert one.take("u").min() >= -1.5 - 30
+        assert 0 < one.take("saturation_share")[0] <= 1
+        one.call("reset")
+        assert one.begin(u_ff=1e3).take("saturation_share", "u").tolist() == [0.0, *[1000.0] * 4]
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 5, 13])

@@ -26,6 +26,8 @@ POINT = {
         "u_ff": np.array([300.0, 900.0, -950.0, 20.0]),
         "x_ref": np.linspace(-0.1, 0.2, 30),
         "voltage_limit": 800.0,
+        "voltage_max[1]": 250.0,
+        "voltage_min[3]": -700.0,
     },
     "BeamClosedLoop": {
         "y_target": np.array([-8e-3, 1e-3, 4e-3, -6e-3]),
@@ -140,7 +142,7 @@ def test_feedforward_and_controller_by_their_matrices() -> None:
     with loaded(native_folder("TrackingController")) as one:
         one.prepare(**POINT["TrackingController"])
         found = jacobian(one, references(one, "output"), references(one, "input"))
-        within = np.diag([1.0, 0.0, 0.0, 1.0])  # by the limit of 800 V
+        within = np.diag([0.0, 0.0, 0.0, 1.0])  # by the limit of 800 V, and those of pairs 1 and 3
         strains = np.zeros((4, 6))
         np.testing.assert_array_equal(found[:4], np.hstack([strains, within, np.zeros((4, n))]))
         expected = np.hstack([strains, a["D_pi"] @ within, a["H_pi"]])

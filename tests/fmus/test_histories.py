@@ -106,6 +106,8 @@ PROFILES = {
             "feedback": switch,
             "integral_gain": uniform(0.0, 1e-3),
             "voltage_limit": uniform(300.0, 1000.0),
+            "voltage_min": lambda rng: -rng.uniform(0.0, 600.0, 4),
+            "voltage_max[3]": uniform(0.0, 600.0),
             "strain_limit": uniform(1e-4, 0.1),
         },
         refused=[
@@ -114,6 +116,8 @@ PROFILES = {
             ("x_ref[7]", -1e308),
             ("integral_gain", 1.5),
             ("voltage_limit", -1.0),
+            ("voltage_min[1]", 1e-3),
+            ("voltage_max[2]", np.nan),
         ],
     ),
 }
@@ -126,7 +130,9 @@ PROFILES["BeamClosedLoop"] = Profile(
         "force": normal(0.05, 3),
         "controller.feedback": switch,
         "controller.integral_gain": uniform(0.0, 1e-3),
+        "controller.voltage_max": lambda rng: rng.uniform(0.0, 300.0, 4),
         "feedforward.voltage_limit": uniform(700.0, 1100.0),
+        "feedforward.voltage_min[1]": uniform(-1100.0, -500.0),
     },
     refused=[("force[1]", np.nan), ("controller.integral_gain", 1.5), ("feedforward.transition_time", 1e-4)],
     impossible=[{"feedforward.voltage_limit": 12.5, "y_target": -2e-3}],

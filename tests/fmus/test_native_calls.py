@@ -381,17 +381,15 @@ def test_foreign_and_damaged_states_are_refused() -> None:
         one.fmu.freeFMUstate(state)
 
 
-@pytest.mark.parametrize(("unit", "place"), [("TrackingController", 4), ("BeamClosedLoop", 0)])
-@pytest.mark.parametrize("count", [1e17, 2.5, -1.0, 9.0, np.nan])
-def test_a_count_that_a_unit_cannot_have_reached_is_refused(unit: str, place: int, count: float) -> None:
-    """With a checksum that fits: by the count of ticks or of steps in the state the next step would not return."""
+def forged_state_is_refused(unit: str, place: int, saved: float, value: float) -> None:
+    """A state after one step with another double in its place, which held `saved`, and a checksum that fits."""
     with instance(unit) as one:
         one.to("stepping")
         one.call("doStep", 0.0, SAMPLE)
         content = bytearray(one.fmu.serializeFMUstate(one.fmu.getFMUstate()))
         at = 384 + 8 * (2 * len(one.references) + place)
-        assert struct.unpack_from("<d", content, at) == (1.0,)
-        struct.pack_into("<d", content, at, count)
+        assert struct.unpack_from("<d", content, at) == (saved,)
+        struct.pack_into("<d", content, at, value)
         struct.pack_into("<I", content, 12, zlib.crc32(bytes(content[16:])))
         try:
             status = one.call("setFMUstate", one.fmu.deSerializeFMUstate(bytes(content)))
@@ -401,6 +399,29 @@ def test_a_count_that_a_unit_cannot_have_reached_is_refused(unit: str, place: in
         assert one.lines[-1][3].endswith("FMU state must have contents that this unit can have saved")
         one.call("reset")
         assert after_a_step(one) == untouched(unit)
+
+
+@pytest.mark.parametrize(("unit", "place"), [("TrackingController", 4), ("BeamClosedLoop", 0)])
+@pytest.mark.parametrize("count", [1e17, 2.5, -1.0, 9.0, np.nan])
+def test_a_count_that_a_unit_cannot_have_reached_is_refused(unit: str, place: int, count: float) -> None:
+    """By the count of ticks or of steps in the state the next step would not return."""
+    forged_state_is_refused(unit, place, 1.0, count)
+
+
+@pytest.mark.parametrize(
+    ("place", "saved", "value"),
+    [
+        (12, -1000.0, 1e-300),  # lowest voltage of pair 2
+        (14, -1000.0, -np.inf),
+        (15, 1000.0, -1e-300),  # highest voltage of pair 1
+        (16, 1000.0, np.nan),
+        (19, 0.0, 2.0),  # saturated samples
+        (19, 0.0, 0.5),
+        (19, 0.0, -1.0),
+    ],
+)
+def test_limits_that_a_controller_cannot_have_are_refused(place: int, saved: float, value: float) -> None:
+    forged_state_is_refused("TrackingController", place, saved, value)
 
 
 def test_bytes_of_a_state_are_little_endian() -> None:

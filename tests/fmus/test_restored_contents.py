@@ -15,9 +15,9 @@ from tests.units.loaded import loaded
 SAMPLE = 2e-4
 RULE = "FMU state must have contents that this unit can have saved"
 # Arrays of a saved Python state: clock, values, then those of the kernel in the order of its setup, then texts
-PARTS = {"BeamPlant": 4, "FlatnessFeedforward": 9, "TrackingController": 6}
+PARTS = {"BeamPlant": 4, "FlatnessFeedforward": 9, "TrackingController": 9}
 CLOCK, VALUES = 0, 1
-INTEGRAL, TICK, IN_A_ROW = 2, 3, 4  # of the controller
+INTEGRAL, TICK, IN_A_ROW, LOWEST, HIGHEST, SATURATED = 2, 3, 4, 5, 6, 7  # of the controller
 COUNT, STARTS, DURATIONS = 2, 5, 6  # of the feedforward
 
 
@@ -36,6 +36,12 @@ CASES = [
     ("TrackingController", IN_A_ROW, 2, 0.5, "d"),
     ("TrackingController", IN_A_ROW, 2, -1.0, "d"),
     ("TrackingController", IN_A_ROW, 2, 1e300, "d"),
+    ("TrackingController", LOWEST, 1, 1e-300, "d"),
+    ("TrackingController", LOWEST, 3, -np.inf, "d"),
+    ("TrackingController", HIGHEST, 0, -1e-300, "d"),
+    ("TrackingController", HIGHEST, 2, np.nan, "d"),
+    ("TrackingController", SATURATED, 0, 2.0, "d"),
+    ("TrackingController", SATURATED, 0, 0.5, "d"),
     ("TrackingController", INTEGRAL, 1, np.nan, "d"),
     ("TrackingController", VALUES, 7, 1e9, "d"),  # u_ff[1]
     ("TrackingController", VALUES, 7, np.nan, "d"),
@@ -69,18 +75,18 @@ def test_forging_itself_is_no_reason_to_refuse(workshop: Workshop) -> None:
     """The same numbers again, and others that are possible."""
     with loaded(workshop.folder("TrackingController")) as one:
         state = one.begin().advance(SAMPLE).saved()
-        for part, index, value, kind in ((TICK, 0, 1, "q"), (IN_A_ROW, 2, 3.0, "d"), (VALUES, 7, 5.0, "d")):
+        for part, index, value, kind in ((TICK, 0, 1, "q"), (IN_A_ROW, 2, 3.0, "d"), (HIGHEST, 0, 5.0, "d")):
             one.restore(forged(state, "TrackingController", part, index, value, kind)).advance(SAMPLE)
 
 
 @needs_zig
 @pytest.mark.parametrize("value", [0.5, -1.0, 1e300])
 def test_a_native_count_of_rejected_samples_is_whole_and_small(value: float) -> None:
-    """The last number of the state."""
+    """Behind it in the state: lowest and highest voltage of each of four pairs, count of saturated samples."""
     with loaded(native_folder("TrackingController")) as one:
         one.begin().advance(SAMPLE)
         state = bytearray(one.saved())
-        struct.pack_into("<d", state, len(state) - 8, value)
+        struct.pack_into("<d", state, len(state) - 8 * 10, value)
         struct.pack_into("<I", state, 12, zlib.crc32(bytes(state[16:])))
         with pytest.raises(UnitFailure, match=RULE):
             one.restore(bytes(state))

@@ -86,6 +86,8 @@ def test_variables_of_the_units(workshop: Workshop, structure: str, basis: str) 
                 "feedback": 1,
                 "integral_gain": 1,
                 "voltage_limit": 1,
+                "voltage_min": n_u,
+                "voltage_max": n_u,
                 "strain_limit": 1,
                 "rejected_limit": 1,
             },

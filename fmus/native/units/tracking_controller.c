@@ -9,9 +9,14 @@
 
 #include "linear_algebra.h"
 #include "ranges.h"
+#include "vectors.h"
+#include "voltage_limits.h"
+
+#define DEPENDENT 1e-8 /* square of what is left of a unit vector that others imply */
 
 /* State, doubles as all of it: integral (voltages,) V; ticks run since the start; strain samples of each gauge that
-   were left out in a row (gauges,). */
+   were left out in a row (gauges,); lowest and highest voltages in force (voltages,) each, V; ticks with a voltage held
+   at one of these. */
 static double *integral_of(const UnitInstance *unit)
 {
     return unit->state;
@@ -28,34 +33,47 @@ static double *rejected_in_a_row(const UnitInstance *unit)
     return tick_of(unit) + 1;
 }
 
+static VoltageRange limits_in_force(const UnitInstance *unit)
+{
+    const TrackingControllerData *const controller = unit->data;
+    double *const lowest = rejected_in_a_row(unit) + controller->gauges;
+    return (VoltageRange){.lowest = lowest, .highest = lowest + controller->voltages};
+}
+
+static double *saturated_ticks(const UnitInstance *unit)
+{
+    const TrackingControllerData *const controller = unit->data;
+    return limits_in_force(unit).highest + controller->voltages;
+}
+
 static size_t tracking_controller_state_size(const void *data)
 {
     const TrackingControllerData *const controller = data;
-    return controller->voltages + 1 + controller->gauges;
+    return 3 * controller->voltages + 2 + controller->gauges;
 }
 
-/* A vector of states, voltages and gauges, then two of voltages or one of gauges. */
+/* A vector of states, voltages and gauges, then two of voltages and the scratch of hold_windup, or one of gauges. */
 static size_t tracking_controller_workspace_size(const void *data)
 {
     const TrackingControllerData *const controller = data;
-    const size_t pair = 2 * controller->voltages;
+    const size_t regulation = (3 + controller->voltages) * controller->voltages;
     return controller->states + controller->voltages + controller->gauges +
-           (pair > controller->gauges ? pair : controller->gauges);
+           (regulation > controller->gauges ? regulation : controller->gauges);
 }
 
-/* u = commanded within the limit, y_est = H_pi x_est + D_pi u. */
+/* u = commanded within the limits in force, y_est = H_pi x_est + D_pi u. */
 static void write_commands(UnitInstance *unit, const double *commanded)
 {
     const TrackingControllerData *const controller = unit->data;
-    const double limit = unit->values[controller->voltage_limit];
+    const VoltageRange limits = limits_in_force(unit);
     double *const u = unit->values + controller->u;
     double *const state_and_input = unit->workspace;
-    bool saturated = false;
+    size_t beyond = 0;
     for (size_t k = 0; k < controller->voltages; k++) {
-        u[k] = clamp(commanded[k], -limit, limit);
-        saturated = saturated || fabs(commanded[k]) > limit;
+        u[k] = clamp(commanded[k], limits.lowest[k], limits.highest[k]);
+        beyond += (size_t)(u[k] != commanded[k]);
     }
-    unit->values[controller->saturated] = saturated;
+    unit->values[controller->saturated] = beyond > 0;
     memcpy(state_and_input, unit->values + controller->x_est, controller->states * sizeof *state_and_input);
     memcpy(state_and_input + controller->states, u, controller->voltages * sizeof *state_and_input);
     multiply_panels(controller->points, controller->states + controller->voltages, controller->estimates,
@@ -77,26 +95,43 @@ static bool tracking_controller_initialise(UnitInstance *unit)
            controller->reduced_states * sizeof *unit->values);
     clear_offsets(unit);
     memset(unit->state, 0, tracking_controller_state_size(controller) * sizeof *unit->state);
+    join_limits(controller->voltages, unit->values[controller->voltage_limit], unit->values + controller->voltage_min,
+                unit->values + controller->voltage_max, limits_in_force(unit));
     unit->values[controller->rejected_samples] = 0.0;
+    unit->values[controller->saturation_share] = 0.0;
     write_commands(unit, unit->values + controller->u_ff);
     return true;
 }
 
-/* A voltage within the limit follows the feedforward's, another one the limit. */
+/* The change of a pair's voltage: a voltage within its limits follows the feedforward's, another one the limit that it
+   is held at. */
+static double change_of_voltage(const UnitInstance *unit, size_t pair)
+{
+    const TrackingControllerData *const controller = unit->data;
+    const double *const values = unit->values;
+    const double *const changes = unit->changes;
+    const VoltageRange limits = limits_in_force(unit);
+    const double wanted = values[controller->u_ff + pair];
+    const double limit = values[controller->voltage_limit];
+    if (wanted > limits.highest[pair])
+        return values[controller->voltage_max + pair] < limit ? changes[controller->voltage_max + pair]
+                                                              : changes[controller->voltage_limit];
+    if (wanted < limits.lowest[pair])
+        return values[controller->voltage_min + pair] > -limit ? changes[controller->voltage_min + pair]
+                                                               : -changes[controller->voltage_limit];
+    return changes[controller->u_ff + pair];
+}
+
 static void tracking_controller_differentiate(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
-    const double *const u_ff = unit->values + controller->u_ff;
-    const double limit = unit->values[controller->voltage_limit];
     double *const changes = unit->changes;
     double *const state_and_input = unit->workspace;
     double *const voltages = state_and_input + controller->states;
     memset(state_and_input, 0, controller->states * sizeof *state_and_input);
     memcpy(state_and_input, changes + controller->x_ref, controller->reduced_states * sizeof *state_and_input);
-    for (size_t k = 0; k < controller->voltages; k++) {
-        const double beyond = u_ff[k] > limit ? 1.0 : u_ff[k] < -limit ? -1.0 : 0.0;
-        voltages[k] = beyond == 0.0 ? changes[controller->u_ff + k] : beyond * changes[controller->voltage_limit];
-    }
+    for (size_t k = 0; k < controller->voltages; k++)
+        voltages[k] = change_of_voltage(unit, k);
     memcpy(changes + controller->u, voltages, controller->voltages * sizeof *voltages);
     multiply_panels(controller->points, controller->states + controller->voltages, controller->estimates,
                     state_and_input, false, changes + controller->y_est);
@@ -165,6 +200,68 @@ static bool estimate_state(UnitInstance *unit)
     return true;
 }
 
+/* The limits in force follow the parameters: narrower ones at once, wider ones by so much in a sample. */
+static void follow_limits(UnitInstance *unit)
+{
+    const TrackingControllerData *const controller = unit->data;
+    const double limit = unit->values[controller->voltage_limit];
+    const double *const minimum = unit->values + controller->voltage_min;
+    const double *const maximum = unit->values + controller->voltage_max;
+    const VoltageRange limits = limits_in_force(unit);
+    for (size_t k = 0; k < controller->voltages; k++) {
+        const double lowest = minimum[k] > -limit ? minimum[k] : -limit;
+        const double highest = maximum[k] < limit ? maximum[k] : limit;
+        const double lower = limits.lowest[k] - controller->widening;
+        const double higher = limits.highest[k] + controller->widening;
+        limits.lowest[k] = lowest > lower ? lowest : lower;
+        limits.highest[k] = highest < higher ? highest : higher;
+    }
+}
+
+/* Is a voltage beyond its limit, and its integral to grow further out? */
+static bool winds_up(double commanded, double lowest, double highest, double growth)
+{
+    return (commanded > highest && growth > 0.0) || (commanded < lowest && growth < 0.0);
+}
+
+/* The growth of the integral without what drives a voltage further into its limit: the nearest within the range of
+   G_0^+ that leaves the integrals of these voltages as they are. What left that range no deviation would ever take
+   back. The first voltage that winds up is held, then the first of those that still or now do. `scratch` (voltages, 1 +
+   voltages). */
+static void hold_windup(const TrackingControllerData *controller, const double *commanded, VoltageRange limits,
+                        double *growth, double *scratch)
+{
+    const size_t voltages = controller->voltages;
+    double *const held = scratch;
+    double *const directions = scratch + voltages; /* orthonormal, `count` of them */
+    size_t count = 0;
+    memset(held, 0, voltages * sizeof *held);
+    size_t k = 0;
+    while (k < voltages) {
+        if (held[k] != 0.0 || !winds_up(commanded[k], limits.lowest[k], limits.highest[k], growth[k])) {
+            k++;
+            continue;
+        }
+        double *const direction = directions + count * voltages;
+        memcpy(direction, controller->integral_range + k * voltages, voltages * sizeof *direction);
+        for (size_t i = 0; i < count; i++) {
+            const double *const other = directions + i * voltages;
+            vector_add_scaled(voltages, -vector_product(voltages, other, direction), other, direction);
+        }
+        const double square = vector_product(voltages, direction, direction);
+        if (square > DEPENDENT) {
+            vector_add_scaled(voltages, -vector_product(voltages, direction, growth) / square, direction, growth);
+            const double length = sqrt(square);
+            for (size_t j = 0; j < voltages; j++)
+                direction[j] /= length;
+            count++;
+        }
+        growth[k] = 0.0;
+        held[k] = 1.0;
+        k = 0;
+    }
+}
+
 /* u = u_ff + K (x_ref - x_est) + integral; the integral grows by k_I G_0^+ of the estimated deviation, but not further
    into a limit. (45) needs the pseudo-inverse: the DC gain is negative, a positive scalar would destabilise. */
 static void regulate(UnitInstance *unit)
@@ -187,16 +284,24 @@ static void regulate(UnitInstance *unit)
     for (size_t k = 0; k < voltages; k++)
         error[states + k] = u_ff[k] - u[k];
     multiply_panels(2 * voltages, states + voltages, controller->regulator, error, false, commanded);
-    const double gain = unit->values[controller->integral_gain];
-    const double limit = unit->values[controller->voltage_limit];
     for (size_t k = 0; k < voltages; k++) {
         commanded[k] = u_ff[k] + commanded[k] + integral[k];
-        growth[k] *= gain;
-        const bool winding_up = fabs(commanded[k]) > limit && commanded[k] * growth[k] > 0;
-        if (!winding_up)
-            integral[k] += growth[k];
+        growth[k] *= unit->values[controller->integral_gain];
     }
     write_commands(unit, commanded);
+    if (unit->values[controller->saturated] != 0.0)
+        hold_windup(controller, commanded, limits_in_force(unit), growth, growth + voltages);
+    for (size_t k = 0; k < voltages; k++)
+        integral[k] += growth[k];
+}
+
+static void count_saturation(UnitInstance *unit)
+{
+    const TrackingControllerData *const controller = unit->data;
+    double *const saturated = saturated_ticks(unit);
+    *saturated += unit->values[controller->saturated];
+    if (*saturated > 0.0)
+        unit->values[controller->saturation_share] = *saturated / (*tick_of(unit) + 1.0);
 }
 
 static bool run_tick(UnitInstance *unit)
@@ -204,13 +309,15 @@ static bool run_tick(UnitInstance *unit)
     const TrackingControllerData *const controller = unit->data;
     if (!estimate_state(unit))
         return false;
-    if (unit->values[controller->feedback] != 0.0) {
+    follow_limits(unit);
+    if (unit->values[controller->feedback] != 0.0)
         regulate(unit);
-        return true;
+    else {
+        memset(integral_of(unit), 0, controller->voltages * sizeof(double));
+        clear_offsets(unit);
+        write_commands(unit, unit->values + controller->u_ff);
     }
-    memset(integral_of(unit), 0, controller->voltages * sizeof(double));
-    clear_offsets(unit);
-    write_commands(unit, unit->values + controller->u_ff);
+    count_saturation(unit);
     return true;
 }
 
@@ -235,14 +342,22 @@ static bool all_counts(size_t n, const double *counts)
     return all;
 }
 
+static bool are_limits(size_t voltages, VoltageRange limits)
+{
+    return all_within(voltages, limits.lowest, -DBL_MAX, 0.0) && all_within(voltages, limits.highest, 0.0, DBL_MAX);
+}
+
 /* A tick count that the clock cannot have, which no saved state has, would keep the next step busy for ever. */
 static bool tracking_controller_restore(UnitInstance *unit)
 {
     const TrackingControllerData *const controller = unit->data;
     const double tick = *tick_of(unit);
+    const double saturated = *saturated_ticks(unit);
     const double behind = unit->elapsed / controller->sample_time - tick;
     if (floor(tick) == tick && fabs(behind) <= 2.0 + 4 * DBL_EPSILON * tick &&
-        all_counts(controller->gauges, rejected_in_a_row(unit)))
+        all_counts(controller->gauges, rejected_in_a_row(unit)) &&
+        are_limits(controller->voltages, limits_in_force(unit)) && floor(saturated) == saturated && saturated >= 0.0 &&
+        saturated <= tick)
         return true;
     return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }

@@ -1,0 +1,91 @@
+"""Limits of the voltages in scenarios: units with different ones are noted, and those without effect."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.definition.schema import Value
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.runs.prepare import prepare_scenario
+from flexbeams.scenarios.runs.voltage_limits import voltage_limits_of
+from tests.helpers import PUSHED_SCENARIO
+
+TEXT = PUSHED_SCENARIO.format(stop=0.1)
+CONTROLLER = 'unit = "TrackingController"\n'
+
+
+@pytest.fixture
+def notes(write_scenario: Callable[[str, str], Path]) -> Callable[..., list[str]]:
+    """The notes about limits of the scenario with --set options, and with lines for its controller."""
+
+    def prepare(overrides: Mapping[str, Value], controller: str = "", design: str = "") -> list[str]:
+        lines: list[str] = []
+        text = design + TEXT.replace(CONTROLLER, CONTROLLER + controller)
+        prepare_scenario(load_scenario(write_scenario("s", text)), Settings(overrides=overrides), lines.append)
+        return [line for line in lines if "voltage_m" in line or "voltage_limit" in line]
+
+    return prepare
+
+
+@pytest.mark.parametrize(
+    ("overrides", "controller", "line"),
+    [
+        (
+            {"feedforward.voltage_limit": 500.0},
+            "",
+            "feedforward.voltage_limit is 500 V, controller.voltage_limit 1000 V: set one limit for both, or "
+            "design.voltage_limit for all units",
+        ),
+        (
+            {},
+            "start.voltage_limit = 500.0\n",
+            "feedforward.voltage_limit is 1000 V, controller.voltage_limit 500 V: set one limit for both, or "
+            "design.voltage_limit for all units",
+        ),
+        (
+            {},
+            "start.voltage_limit = 500.0\nstart.voltage_max = [400.0]\n",
+            "feedforward.voltage_limit is 1000 V, controller.voltage_limit 500 V (and 1 more): set one limit for both, "
+            "or design.voltage_limit for all units",
+        ),
+        (
+            {"feedforward.voltage_min": [-300.0]},
+            'start."voltage_min[1]" = -400.0\n',
+            "feedforward.voltage_min[1] is -300 V, controller.voltage_min[1] -400 V: set one limit for both, or "
+            "design.voltage_limit for all units",
+        ),
+    ],
+)
+def test_different_limits_are_noted(
+    notes: Callable[..., list[str]], overrides: Mapping[str, Value], controller: str, line: str
+) -> None:
+    assert notes(overrides, controller) == [line]
+
+
+def test_equal_limits_are_not(notes: Callable[..., list[str]]) -> None:
+    """Neither those of the design, of whatever value, nor the same in both units."""
+    assert notes({}) == []
+    assert notes({"feedforward.voltage_limit": 500.0, "controller.voltage_limit": 500.0}) == []
+    assert notes({"feedforward.voltage_max": 500.0}, "start.voltage_max = [500.0]\n") == []
+    assert notes({}, design="design.voltage_limit = 700.0\n") == []
+
+
+def test_a_limit_of_a_pair_beyond_that_of_all_has_no_effect(notes: Callable[..., list[str]]) -> None:
+    both = {"feedforward.voltage_max": [1500.0], "controller.voltage_max": [1500.0]}
+    assert notes(both) == [
+        f"{name}.voltage_max[1] = 1500 V has no effect: {name}.voltage_limit is 1000 V"
+        for name in ("feedforward", "controller")
+    ]
+    assert notes(both | {"feedforward.voltage_limit": 1500.0, "controller.voltage_limit": 1500.0}) == []
+
+
+def test_limits_that_a_run_starts_with(write_scenario: Callable[[str, str], Path]) -> None:
+    text = TEXT.replace(CONTROLLER, CONTROLLER + "start.voltage_limit = 800.0\nstart.voltage_min = [-200.0]\n")
+    prepared = prepare_scenario(load_scenario(write_scenario("s", text)), Settings())
+    limits = voltage_limits_of(prepared.declarations["controller"].variables, prepared.starts["controller"])
+    np.testing.assert_array_equal([limits.lowest, limits.highest], [[-200.0], [800.0]])
+    limits = voltage_limits_of(prepared.declarations["feedforward"].variables, prepared.starts["feedforward"])
+    np.testing.assert_array_equal([limits.lowest, limits.highest], [[-1000.0], [1000.0]])
