@@ -54,7 +54,9 @@ def identify(
     choices = asdict(options)
     if options.static_maps not in ("basis", "segment"):
         choices["static_maps"] = fingerprint({name: arrays[name] for name in ("D_pi", "D_pm", "static_inverse")})
-    text = json.dumps({"method": METHOD, "structure": asdict(structure), "options": choices}, sort_keys=True)
+    parts = asdict(structure)
+    del parts["actuator"]  # which a design does not depend on
+    text = json.dumps({"method": METHOD, "structure": parts, "options": choices}, sort_keys=True)
     name = hashlib.sha256(text.encode()).hexdigest()[:32]
     return f"{name}-{fingerprint(arrays)[:8]}" if with_fingerprint else name
 

@@ -9,19 +9,22 @@ differential evolution to the step response of Fig. 4. Repeat it with
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import differential_evolution
 
+from flexbeams.plant.actuator.parameters import PatchPairActuator
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import BeamModel, beam_model
 from flexbeams.plant.measures import overshoots, settling_time
+from flexbeams.plant.reconstructed_actuator import ACTUATOR
 from flexbeams.plant.statespace import state_matrices
 from flexbeams.plant.structure import (
     STRUCTURES_FOLDER,
@@ -111,6 +114,7 @@ def template() -> Structure:
         spring=[Spring(between=(1, 2), stiffness=6.0), Spring(between=(2, 3), stiffness=8.0)],
         point_of_interest=[PointOfInterest(beam=beam, position=position) for beam, position in POINTS],
         strain_gauge=[StrainGauge(beam=beam, position=position, length=0.006) for beam, position in GAUGES],
+        actuator=ACTUATOR,
     )
 
 
@@ -214,6 +218,15 @@ ORIGIN = {  # of every value in the file
     "spring": {"between": "paper"},
     "point_of_interest": {"beam": "paper", "position": "assumed"},
     "strain_gauge": {"beam": "assumed", "position": "assumed", "length": "datasheet"},
+    "actuator": {
+        "face_minimum": "datasheet",
+        "face_maximum": "datasheet",
+        "supply": "paper",
+        "lag": "assumed",
+        "slew_rate": "assumed",
+        "resolution": "assumed",
+    },
+    "actuator.pair": dict.fromkeys(PatchPairActuator.__dataclass_fields__, "assumed"),
 }
 
 HEADER = """Three elastically coupled beams with four piezoelectric patch pairs, after Kater and Meurer (2019).
@@ -230,17 +243,30 @@ def write_structure(structure: Structure, path: Path, origin: dict[str, dict[str
     for part in ("beam", "patch", "spring", "point_of_interest", "strain_gauge"):
         if not getattr(structure, part):
             continue
-        tables = tomlkit.aot()
-        for item in getattr(structure, part):
-            table = tomlkit.table()
-            for name in type(item).__dataclass_fields__:
-                value = getattr(item, name)
-                entry = tomlkit.item(list(value) if isinstance(value, tuple) else value)
-                table.add(name, entry)
-                entry.comment(origin.get(part, {}).get(name, "fitted"))
-            tables.append(table)
-        document.add(part, tables)
+        document.add(part, _tables(getattr(structure, part), origin.get(part, {})))
+    if structure.actuator is not None:
+        section = _table(structure.actuator, origin.get("actuator", {}), leave_out="pair")
+        section.add("pair", _tables(structure.actuator.pair, origin.get("actuator.pair", {})))
+        document.add("actuator", section)
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _tables(items: Sequence[Any], origin: dict[str, str]) -> tomlkit.items.AoT:
+    tables = tomlkit.aot()
+    for item in items:
+        tables.append(_table(item, origin))
+    return tables
+
+
+def _table(item: Any, origin: dict[str, str], leave_out: str = "") -> tomlkit.items.Table:
+    table = tomlkit.table()
+    for name in type(item).__dataclass_fields__:
+        if name != leave_out:
+            value = getattr(item, name)
+            entry = tomlkit.item(list(value) if isinstance(value, tuple) else value)
+            table.add(name, entry)
+            entry.comment(origin.get(name, "fitted"))
+    return table
 
 
 def main(arguments: list[str]) -> int:

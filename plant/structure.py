@@ -7,11 +7,12 @@ from dataclasses import replace
 from itertools import pairwise
 from os.path import isfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 from pydantic.dataclasses import dataclass
 
+from flexbeams.plant.actuator.parameters import Actuator
 from flexbeams.plant.errors import InputError, missing_file_hint, suggestion
 from flexbeams.plant.parameters import PARAMETERS, parameter, parameters_of, within_bounds
 from flexbeams.plant.text import quoted
@@ -122,11 +123,15 @@ class Structure:
     spring: list[Spring] = Field(default_factory=list)
     point_of_interest: list[PointOfInterest] = Field(min_length=1)
     strain_gauge: list[StrainGauge] = Field(min_length=1)
+    actuator: Actuator | None = None  # no part of a design: only MfcActuator and MfcCompensator read it
 
     def __post_init__(self) -> None:
         self._check_positions()
         self._check_overlaps()
         self._check_springs()
+        if self.actuator is not None and len(self.actuator.pair) != len(self.patch):
+            rule = f"must have an entry for each patch pair, {len(self.patch)}"
+            raise InputError("actuator.pair", rule, len(self.actuator.pair))
 
     def _beam_of(self, key: str, number: int) -> Beam:
         if number > len(self.beam):
@@ -206,7 +211,7 @@ class Structure:
     def with_parameters(self, values: dict[str, float]) -> "Structure":
         """A copy with the named parameters changed; InputError for an unknown name or a bad value."""
         current = self.parameters()
-        parts = {part: list(getattr(self, part)) for part in PARTS}
+        parts: dict[str, Any] = {part: list(getattr(self, part)) for part in PARTS}
         for key, value in values.items():
             if key not in current:
                 raise InputError(key, "is not a parameter" + suggestion(key, current))

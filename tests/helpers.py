@@ -125,7 +125,8 @@ class Workshop:
 
         def make(folder: Path) -> None:
             design = design_of(structure, basis)
-            build_units(CATALOGUE, design, design.model(), folder, backend="python")
+            kinds = [kind for kind in CATALOGUE if kind.is_made_by(design)]
+            build_units(kinds, design, design.model(), folder, backend="python")
 
         return made_once(f"python/{structure}-{basis}", make) / "python" / f"{unit}.fmu"
 

@@ -69,7 +69,8 @@ def native_unit(
 
 def unit_folder(design: Design, model: BeamModel, root: Path, compiler: str = "zig") -> Path:
     """Where the units of a design and a plant basis are kept between runs: a folder named by all they depend on."""
-    key = f"{design.design_id} {model.basis} {model.order} {toolchain_key(compiler)} {_sources_key()}"
+    actuator = repr(design.structure.actuator)  # on which design_id does not depend
+    key = f"{design.design_id} {actuator} {model.basis} {model.order} {toolchain_key(compiler)} {_sources_key()}"
     digest = hashlib.sha256(key.encode()).hexdigest()
     return root / f"{design.design_id[:8]}-{model.basis}-{model.order}-{digest[:16]}"
 

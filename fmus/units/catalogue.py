@@ -5,10 +5,18 @@ from collections.abc import Iterable
 from flexbeams.fmus.units.beam_plant import BEAM_PLANT
 from flexbeams.fmus.units.flatness_feedforward import FLATNESS_FEEDFORWARD
 from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.fmus.units.mfc_actuator import MFC_ACTUATOR
+from flexbeams.fmus.units.mfc_compensator import MFC_COMPENSATOR
 from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.errors import InputError, suggestion
 
-CATALOGUE: tuple[UnitKind, ...] = (BEAM_PLANT, FLATNESS_FEEDFORWARD, TRACKING_CONTROLLER)
+CATALOGUE: tuple[UnitKind, ...] = (
+    BEAM_PLANT,
+    FLATNESS_FEEDFORWARD,
+    TRACKING_CONTROLLER,
+    MFC_ACTUATOR,
+    MFC_COMPENSATOR,
+)
 
 
 def kind_named(name: str, kinds: Iterable[UnitKind] = CATALOGUE) -> UnitKind | None:

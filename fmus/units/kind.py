@@ -48,6 +48,8 @@ class UnitKind:
     animated: tuple[str, str] | None = None  # deflections at stations along the beams, and voltages, for an animation
     reference: tuple[str, str] | None = None  # reduced states and voltages of the shape that an animation compares with
     targets: str = ""  # an input that starts transitions where it changes
+    loops: tuple[str, str] | None = None  # input and output that a report draws over each other
+    section: str = ""  # of the structure file, without which there is no such unit
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z_]\w*", self.name, re.ASCII):
@@ -67,10 +69,16 @@ class UnitKind:
             raise BuildError(f"{self.name}: there is no Python unit of this kind")
         return self.python
 
+    def is_made_by(self, design: Design) -> bool:
+        """Whether the design's structure has the section that the unit needs."""
+        return not self.section or getattr(design.structure, self.section) is not None
+
     def declare(self, design: Design, model: BeamModel) -> Interface:
         """The interface for a design; InterfaceError where none makes such a unit or the name differs."""
         if self.interface is None:
             raise InterfaceError(f"{self.name}: no design makes a unit of this kind")
+        if not self.is_made_by(design):
+            raise InterfaceError(f"{self.name}: the structure file must have a section [{self.section}]")
         interface = self.interface(design, model)
         if interface.unit_name != self.name:
             raise InterfaceError(f"{self.name}: unit_name must be that of the kind, got {interface.unit_name!r}")

@@ -32,8 +32,8 @@ def build(
     design
         The design whose data the units carry.
     units
-        `BeamPlant`, `FlatnessFeedforward`, `TrackingController`, or records of other kinds; all three where none is
-        named.
+        `BeamPlant`, `FlatnessFeedforward`, `TrackingController`, `MfcActuator`, `MfcCompensator`, or records of other
+        kinds. Where none is named all five, without the last two for a structure without a section [actuator].
     folder
         Units are written to folder/<backend>/<unit>.fmu.
     backend
@@ -57,6 +57,8 @@ def build(
     ------
     InputError
         For an unknown unit, platform or backend.
+    InterfaceError
+        For `MfcActuator` and `MfcCompensator` of a structure without a section [actuator].
     BuildError
         Where a tool is missing or fails, or where a unit does not reproduce its own reference results.
 
@@ -66,10 +68,11 @@ def build(
     >>> [file.as_posix() for file in fb.build(fb.design("single_beam"), ["BeamPlant"])]
     ['build/fmus/native/BeamPlant.fmu']
     """
-    kinds = [u if isinstance(u, UnitKind) else require_kind(u, "UNIT") for u in dict.fromkeys(units)] or CATALOGUE
+    kinds = [u if isinstance(u, UnitKind) else require_kind(u, "UNIT") for u in dict.fromkeys(units)]
     if backend not in BACKENDS:
         raise InputError("backend", f"must be one of {', '.join(BACKENDS)}", backend)
     computed = design.computed if isinstance(design, DesignView) else design
+    kinds = kinds or [kind for kind in CATALOGUE if kind.is_made_by(computed)]
     files = build_units(
         kinds,
         computed,

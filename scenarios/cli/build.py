@@ -49,8 +49,9 @@ from flexbeams.scenarios.definition.choices import BACKENDS
     help="Folder; the units are written to OUT/<backend>/<Unit>.fmu.",
 )
 def build(units: tuple[str, ...], structure: str | None, basis: str, backend: str, **options: Any) -> None:
-    """Build FMUs: BeamPlant, FlatnessFeedforward, TrackingController, or those named.
+    """Build FMUs: BeamPlant, FlatnessFeedforward, TrackingController, MfcActuator, MfcCompensator, or those named.
 
+    The last two need a section [actuator] in the structure file and are left out where there is none.
     Native units are C99 without dependencies. Units of one design belong together: build them in one go.
     """
     from flexbeams.fmus.units.catalogue import require_kind

@@ -8,6 +8,7 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "spring": ("", "Springs between the tips of adjacent beams."),
         "point_of_interest": ("", "Points whose deflection y_pi is controlled."),
         "strain_gauge": ("", "Gauges whose strain y_pm is measured."),
+        "actuator": ("", "Amplifier, hysteresis and creep of the patches; for MfcActuator and MfcCompensator only."),
     },
     "Beam": {
         "length": ("m", "Length from the clamp to the tip."),
@@ -44,6 +45,25 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "beam": ("", "Number of the beam, from 1."),
         "position": ("m", "Centre of the gauge from the clamp."),
         "length": ("m", "Length over which the strain is averaged; 0 for the strain at the point."),
+    },
+    "Actuator": {
+        "face_minimum": ("V", "Lowest voltage of a patch face."),
+        "face_maximum": ("V", "Highest voltage of a patch face."),
+        "supply": ("V", "Voltage of both faces of a pair at u = 0: they get supply + u and supply - u."),
+        "lag": ("s", "Time constant of the amplifier; 0 for none."),
+        "slew_rate": ("V/s", "Largest rate of the amplifier's voltage; 0 for no limit."),
+        "resolution": ("V", "Step to which commands are rounded; 0 for none."),
+        "pair": ("", "Hysteresis and creep, an entry for each patch pair in order."),
+    },
+    "PatchPairActuator": {
+        "linear_weight": ("", "Weight of the linear part."),
+        "play_thresholds": ("V", "Thresholds of the play operators, ascending."),
+        "play_weights": ("", "Weights of the play operators."),
+        "dead_zone_thresholds": ("V", "Thresholds of the one-sided dead zones, ascending; below 0 they act below."),
+        "dead_zone_slopes": ("", "Slopes that they add to 1; all sums from 0 outwards must be > 0."),
+        "creep_times": ("s", "Time constants of the creep operators, such as one for each decade."),
+        "creep_weights": ("", "Weights of the creep operators: how much the voltage grows in the decade."),
+        "history": ("V", "Voltage extremes since the demagnetised state, the last one that of the start."),
     },
     "Scenario": {
         "title": ("", "Title of the run, its report and figures."),

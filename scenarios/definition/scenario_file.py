@@ -28,6 +28,11 @@ TOUR = (  # order of the shipped scenarios in a list; others follow by name
     "identification_steps",
     "identified",
     "identified_offset_free",
+    "hysteresis",
+    "hysteresis_compensated",
+    "hysteresis_imperfect",
+    "hysteresis_offset_free",
+    "creep",
     "single_beam",
     "five_beams",
 )

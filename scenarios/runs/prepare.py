@@ -31,6 +31,7 @@ from flexbeams.scenarios.runs.requirements import (
     require_one_instance_each,
     require_reachable_targets,
     require_sampled_signals,
+    require_sections,
     whole_steps,
 )
 from flexbeams.scenarios.runs.room import recorded_bytes, require_room, with_affordable_deflections
@@ -110,6 +111,7 @@ def prepare_scenario(
     step = scenario.step or design.options.sample_time
     steps = whole_steps(scenario, step, settings, source)
     require_sampled_signals(scenario, step, source)
+    require_sections(kinds, design, source)
     models = _models(scenario, design, settings, source)
     declarations = _declarations(file, design, kinds, models)
     require_one_design(declarations, source)

@@ -39,6 +39,14 @@ def whole_steps(scenario: Scenario, step: float, settings: Settings, source: str
     return steps
 
 
+def require_sections(kinds: Mapping[str, UnitKind], design: Design, source: str) -> None:
+    """InputError for an instance whose unit needs a section that the structure file does not have."""
+    for name, kind in kinds.items():
+        if not kind.is_made_by(design):
+            rule = f"needs a section [{kind.section}] in the structure file"
+            raise InputError(f"instance.{name}.unit", rule, kind.name, source=source)
+
+
 def require_sampled_signals(scenario: Scenario, step: float, source: str) -> None:
     """InputError for an input signal that steps of `step` s are too slow for."""
     for k, drive in enumerate(scenario.input, 1):

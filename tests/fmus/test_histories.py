@@ -121,6 +121,36 @@ PROFILES = {
         ],
     ),
 }
+_PATCHES: dict[str, Callable[[np.random.Generator], Any]] = {
+    "linear_weight": uniform(0.4, 0.8),
+    "play_weight": uniform(0.0, 0.2),
+    "play_threshold[1,7]": uniform(600.0, 900.0),
+    "dead_zone_slope": uniform(-0.4, 0.1),
+    "creep_weight": uniform(0.0, 0.05),
+    "creep_time[2,1]": uniform(1e-4, 1e3),
+    "history[1,4]": uniform(-900.0, 900.0),
+    "history[2,2]": uniform(-900.0, 900.0),
+    "supply": uniform(400.0, 600.0),
+}
+PROFILES["MfcActuator"] = Profile(
+    steps=(2e-4, 1e-3, 7e-5, 0.3),
+    starts={
+        **_PATCHES,
+        "lag": lambda rng: float(rng.choice([0.0, 1e-3])),
+        "slew_rate": lambda rng: float(rng.choice([0.0, 1e5])),
+        "resolution[3]": uniform(0.0, 5.0),
+    },
+    values={"u": normal(500.0, 4)},
+    refused=[("u[2]", np.nan), ("u[1]", 1e308), ("lag[1]", -1e-3), ("play_weight[1,2]", -0.1)],
+    impossible=[{"dead_zone_slope": -1.5}, {"play_threshold[2,3]": 10.0}, {"supply": 1600.0}, {"history": 1100.0}],
+)
+PROFILES["MfcCompensator"] = Profile(
+    steps=(2e-4, 1e-3, 7e-5, 0.3),
+    starts=_PATCHES,
+    values={"u_eff": normal(500.0, 4)},
+    refused=[("u_eff[2]", np.nan), ("u_eff[1]", 1e308), ("creep_time[1,1]", 0.0), ("linear_weight[1]", 0.0)],
+    impossible=[{"dead_zone_slope[1,2]": -1.0}, {"play_threshold[2,3]": 10.0}, {"face_maximum[2]": 300.0}],
+)
 PROFILES["BeamClosedLoop"] = Profile(
     steps=(2e-4, 1e-3, 0.01),
     starts={f"plant.{n}": v for n, v in PROFILES["BeamPlant"].starts.items() if "rest" not in n}

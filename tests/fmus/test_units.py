@@ -23,6 +23,8 @@ WORK: dict[str, dict[str, float]] = {
     "BeamPlant": {"u": 700.0, "force": 0.03},
     "FlatnessFeedforward": {"y_target": -1.5e-3},
     "TrackingController": {"y_pm": 3e-4, "u_ff": 990.0, "x_ref": 0.2},
+    "MfcActuator": {"u": 990.0},
+    "MfcCompensator": {"u_eff": 990.0},
 }
 
 
@@ -62,6 +64,10 @@ def test_variables_of_the_units(workshop: Workshop, structure: str, basis: str) 
     parts = design.structure
     r, n_u, n_pi, n_pm = len(parts.beam), len(parts.patch), len(parts.point_of_interest), len(parts.strain_gauge)
     m = 10 * r
+    operators = {"play_threshold": 7, "play_weight": 7, "dead_zone_threshold": 2, "dead_zone_slope": 2}
+    operators |= {"creep_time": 6, "creep_weight": 6, "history": 4}
+    patches = {name: n * n_u for name, n in operators.items()}
+    patches |= dict.fromkeys(("linear_weight", "face_minimum", "face_maximum", "supply"), n_u)
     expected: dict[str, dict[str, dict[str, int]]] = {
         "BeamPlant": {
             "input": {"u": n_u, "force": r},
@@ -91,6 +97,18 @@ def test_variables_of_the_units(workshop: Workshop, structure: str, basis: str) 
                 "strain_limit": 1,
                 "rejected_limit": 1,
             },
+        },
+        "MfcActuator": {
+            "input": {"u": n_u},
+            "output": {"u_eff": n_u, "saturated": 1},
+            "local": {"voltage": n_u, "saturated_steps": 1, "design_id": 1},
+            "parameter": {**patches, "lag": n_u, "slew_rate": n_u, "resolution": n_u},
+        },
+        "MfcCompensator": {
+            "input": {"u_eff": n_u},
+            "output": {"u": n_u, "saturated": 1},
+            "local": {"saturated_steps": 1, "design_id": 1},
+            "parameter": patches,
         },
     }
     for unit, kinds in expected.items():
@@ -170,6 +188,8 @@ def test_initial_values_depend_on_what_is_declared(workshop: Workshop, unit: str
         "BeamPlant": {"start_at_rest_under[2]", "spring[1].stiffness", "noise_seed"},
         "FlatnessFeedforward": {"y_target[3]"},
         "TrackingController": {"x_ref[1]", "u_ff[4]"},
+        "MfcActuator": {"history[1,4]"},
+        "MfcCompensator": {"history[1,4]"},
     }
     assert seen >= needed[unit]
 

@@ -311,9 +311,12 @@ def test_gauges_and_points_may_reach_the_ends() -> None:
         (
             "patches = 1\n" + GOOD,
             "patches is not a known key; did you mean 'patch'? "
-            "(valid: beam, patch, spring, point_of_interest, strain_gauge)",
+            "(valid: beam, patch, spring, point_of_interest, strain_gauge, actuator)",
         ),
-        ("zzz = 1\n" + GOOD, "zzz is not a known key (valid: beam, patch, spring, point_of_interest, strain_gauge)"),
+        (
+            "zzz = 1\n" + GOOD,
+            "zzz is not a known key (valid: beam, patch, spring, point_of_interest, strain_gauge)",
+        ),
         (
             GOOD.replace("tip_mass", "tip_mas", 1),
             f"beam[1].tip_mas is not a known key; did you mean 'tip_mass'? (valid: {', '.join(BEAM_KEYS)})",

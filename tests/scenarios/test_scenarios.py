@@ -37,9 +37,11 @@ NAMES = (
     "identification_steps",
     "identified",
     "identified_offset_free",
+    "hysteresis",
     "single_beam",
     "five_beams",
 )
+INSTANCES = ("feedforward", "controller", "compensator", "actuator", "plant")
 SAMPLE = 2e-4
 PLANT = """# A plant under constant voltages.
 # It shows what the tests need.
@@ -73,7 +75,7 @@ def test_shipped_scenario_holds_its_checks(at_run_folder: Path, name: str) -> No
 def test_shipped_file_says_what_it_shows(name: str) -> None:
     scenario = read_scenario(find_scenario(name))
     assert find_scenario(name).read_text(encoding="utf-8").startswith("# ")
-    assert list(scenario.instance) == [n for n in ("feedforward", "controller", "plant") if n in scenario.instance]
+    assert list(scenario.instance) == [n for n in INSTANCES if n in scenario.instance]
     assert scenario.coupling == "jacobi"
     assert scenario.figure
     assert len({check.name for check in scenario.check}) == len(scenario.check)

@@ -1,0 +1,1 @@
+"""Actuators of macro-fibre composite: amplifier, hysteresis, creep and their inverse, which need numpy alone."""
