@@ -32,6 +32,7 @@ TOUR = (  # order of the shipped scenarios in a list; others follow by name
     "hysteresis_compensated",
     "hysteresis_imperfect",
     "hysteresis_offset_free",
+    "creep_uncompensated",
     "creep",
     "single_beam",
     "five_beams",

@@ -111,7 +111,6 @@ def prepare_scenario(
     step = scenario.step or design.options.sample_time
     steps = whole_steps(scenario, step, settings, source)
     require_sampled_signals(scenario, step, source)
-    require_sections(kinds, design, source)
     models = _models(scenario, design, settings, source)
     declarations = _declarations(file, design, kinds, models)
     require_one_design(declarations, source)
@@ -206,6 +205,7 @@ def _design(
 def _declarations(
     file: ScenarioFile, design: Design, kinds: Mapping[str, UnitKind], models: Mapping[str, BeamModel]
 ) -> dict[str, InstanceDeclaration]:
+    require_sections(kinds, design, str(file.path))
     return {
         name: InstanceDeclaration.of_interface(kinds[name], kinds[name].declare(design, models[name]))
         if name in kinds

@@ -70,7 +70,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (
             ["build", "BeamPlan"],
             "UNIT is not a unit; did you mean 'BeamPlant'? (valid: BeamPlant, FlatnessFeedforward, "
-            "TrackingController), got 'BeamPlan'",
+            "TrackingController, MfcActuator, MfcCompensator), got 'BeamPlan'",
         ),
         (["build", "--backend", "fortran"], "'fortran' is not one of"),
         (["build", "--backend", "python", "--structure", "."], "--structure: structure '.' is neither a file"),

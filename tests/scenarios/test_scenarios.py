@@ -38,6 +38,11 @@ NAMES = (
     "identified",
     "identified_offset_free",
     "hysteresis",
+    "hysteresis_compensated",
+    "hysteresis_imperfect",
+    "hysteresis_offset_free",
+    "creep_uncompensated",
+    "creep",
     "single_beam",
     "five_beams",
 )
