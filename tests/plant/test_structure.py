@@ -315,7 +315,7 @@ def test_gauges_and_points_may_reach_the_ends() -> None:
         ),
         (
             "zzz = 1\n" + GOOD,
-            "zzz is not a known key (valid: beam, patch, spring, point_of_interest, strain_gauge)",
+            "zzz is not a known key (valid: beam, patch, spring, point_of_interest, strain_gauge, actuator)",
         ),
         (
             GOOD.replace("tip_mass", "tip_mas", 1),
