@@ -1,7 +1,8 @@
 """Channels with a wrong sign, unit or place, found from static answers before anything is fitted.
 
-Whatever the frequencies, a sensor's mean follows the voltages by a gain whose sign and size the start knows to some ten
-percent. Expected gains come from the exact plant, since a few modes may be far off in the strains.
+Whatever the frequencies, a sensor's mean over some periods of the slowest mode follows that of the voltages by a gain
+whose sign and size the start knows to some ten percent. Expected gains come from the exact plant, since a few modes may
+be far off in the strains.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +20,8 @@ SWAPPED = 0.35  # misfit with two sensors exchanged over the misfit as they are,
 DRIVEN = 0.5  # the same for voltages, where all sensors vote
 MISFIT = 0.4  # mean over the sensors below which the voltages are taken as right
 CANCELLED = 0.4  # expected answer over the root of its squared parts, below which it is a small difference of them
+AVERAGED = 2.0  # periods of the slowest mode over which a mean is taken
+SLOW = 0.5  # of the voltages' rms that such means keep: those of steps, not those of sweeps
 _FEEBLE = 1 / 300  # of the largest voltage: what a column in kV beside others in V shows
 
 
@@ -58,9 +61,21 @@ class StaticAnswers:
         return float(np.mean(misfits))
 
 
-def require_right_channels(experiments: Sequence[Experiment], gains: Array, names: Sequence[str]) -> None:
-    """InputError for a column with a wrong unit, sign or place; `gains` (n_all, n_u) are those expected."""
-    answers = static_answers(experiments, gains)
+def is_slow(experiment: Experiment, period: float) -> bool:
+    """Whether means over AVERAGED times `period` s keep SLOW of the voltages' rms: steps do, sweeps do not."""
+    moved = experiment.voltages - experiment.rest
+    means = _means(moved, _window(experiment, period))
+    return float(np.mean(means**2)) > SLOW**2 * float(np.mean(moved**2))
+
+
+def require_right_channels(
+    experiments: Sequence[Experiment], gains: Array, names: Sequence[str], period: float
+) -> None:
+    """InputError for a column with a wrong unit, sign or place in experiments with slow voltages.
+
+    `gains` (n_all, n_u) are those expected, `period` is that of the slowest mode, s.
+    """
+    answers = static_answers(experiments, gains, period)
     sensors = sorted(answers.measured)
     largest = max(float(np.linalg.norm(answers.expected(s))) for s in sensors)
     telling = [
@@ -165,13 +180,17 @@ def exchanged(first: str, second: str, better: float) -> InputError:
     )
 
 
+def _wrong_unit(name: str, factor: float) -> InputError:
+    return InputError(
+        f"column {name!r}",
+        f"is {abs(factor):.3g} times as large as the structure explains: wrong unit? (SI is expected: m, strain, V); "
+        f"try --map '{name}={name}*{1 / _power(factor):g}'",
+    )
+
+
 def _require_sensor(answers: StaticAnswers, sensor: int, factor: float, name: str) -> None:
     if abs(factor) > FACTOR or abs(factor) < 1 / FACTOR:
-        raise InputError(
-            f"column {name!r}",
-            f"is {abs(factor):.3g} times as large as the structure explains: wrong unit? (SI is expected: m, strain, "
-            f"V); try --map '{name}={name}*{1 / _power(factor):g}'",
-        )
+        raise _wrong_unit(name, factor)
     if factor < -0.3 and answers.misfit(sensor, sensor) > 1.0:
         raise InputError(
             f"column {name!r}",
@@ -180,18 +199,41 @@ def _require_sensor(answers: StaticAnswers, sensor: int, factor: float, name: st
         )
 
 
-def static_answers(experiments: Sequence[Experiment], gains: Array) -> StaticAnswers:
-    """Mean answers to the directions of the voltages, measured by regression over all rows."""
-    voltages = np.vstack([e.voltages - e.rest for e in experiments])
-    _, sizes, directions = np.linalg.svd(np.linalg.qr(voltages, mode="r"))
+def static_answers(experiments: Sequence[Experiment], gains: Array, period: float) -> StaticAnswers:
+    """Mean answers to the directions of the mean voltages, measured by regression."""
+    driven = [_means(e.voltages - e.rest, _window(e, period)) for e in experiments]
+    _, sizes, directions = np.linalg.svd(np.linalg.qr(np.vstack(driven), mode="r"))
     directions = directions[: int(np.sum(sizes > 1e-3 * sizes[0]))] if sizes[0] > 0 else directions[:0]
     scale = sizes[: len(directions)] / sizes[0] if len(directions) else np.ones(0)
     measured: dict[int, Array] = {}
     for sensor in sorted({s for e in experiments for s in e.sensors}):
         rows, values = [], []
-        for experiment in (e for e in experiments if sensor in e.sensors):
-            y = experiment.outputs[:, experiment.sensors.index(sensor)]
-            rows.append((experiment.voltages - experiment.rest) @ directions.T)
-            values.append(y - np.mean(y[: max(1, experiment.onset)]))
+        for experiment, voltages in zip(experiments, driven, strict=True):
+            if sensor in experiment.sensors:
+                y = experiment.outputs[:, experiment.sensors.index(sensor)]
+                rows.append(voltages @ directions.T)
+                still = np.mean(y[: max(1, experiment.onset)])
+                values.append(_means((y - still)[:, None], _window(experiment, period))[:, 0])
         measured[sensor] = np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=1e-6)[0] * scale
     return StaticAnswers(measured=measured, gains=gains, directions=directions, scale=scale)
+
+
+def _window(experiment: Experiment, period: float) -> int:
+    """Rows of a mean, at most half of the experiment's."""
+    return max(1, min(round(AVERAGED * period / experiment.step), experiment.rows // 2))
+
+
+def _means(values: Array, rows: int) -> Array:
+    """Means over so many rows, from each row on (k, columns)."""
+    sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), values]), axis=0)
+    return np.asarray((sums[rows:] - sums[:-rows]) / rows)
+
+
+def require_size(experiment: Experiment, predicted: Array, names: Sequence[str]) -> None:
+    """InputError for a sensor whose size is far from that of its prediction (rows, n_s), whatever the frequencies."""
+    for k, sensor in enumerate(experiment.sensors):
+        y = experiment.outputs[:, k] - np.mean(experiment.outputs[:, k])
+        expected = float(np.std(predicted[:, k]))
+        factor = float(np.sqrt(np.mean(y**2))) / max(expected, 1e-300)
+        if factor > FACTOR or factor < 1 / FACTOR:
+            raise _wrong_unit(names[sensor], factor)

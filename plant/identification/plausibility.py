@@ -7,8 +7,9 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.galerkin import beam_model
-from flexbeams.plant.identification.channels import require_right_channels
+from flexbeams.plant.identification.channels import is_slow, require_right_channels, require_size
 from flexbeams.plant.identification.experiment import Experiment, sensor_names
+from flexbeams.plant.identification.sensitivity import drive_of, modal_system, predict
 from flexbeams.plant.statespace import static_gains, undamped_frequencies
 from flexbeams.plant.structure import Structure
 
@@ -22,14 +23,18 @@ def require_plausible(structure: Structure, experiments: Sequence[Experiment], f
     """InputError with column, reason and, where one is obvious, the remedy."""
     model = beam_model(structure, "segment", _SEGMENT_DEGREE)
     frequencies = undamped_frequencies(model.assemble())
-    names = sensor_names(structure)
+    names, period = sensor_names(structure), 2 * np.pi / frequencies[0]
     for experiment in experiments:
         _require_sampling(experiment, frequencies, len(structure.beam))
-        _require_live(experiment, names, 2 * np.pi / frequencies[0])
+        _require_live(experiment, names, period)
     _require_excitation(experiments, free)
     resting = [e for e in experiments if e.start == "rest" and not e.uncoupled]
-    if resting:
-        require_right_channels(resting, np.vstack(static_gains(model, model.assemble())), names)
+    slow = [e for e in resting if is_slow(e, period)]
+    if slow:
+        require_right_channels(slow, np.vstack(static_gains(model, model.assemble())), names, period)
+    form, _ = modal_system(model, structure.parameters(), [])
+    for experiment in (e for e in resting if not is_slow(e, period)):
+        require_size(experiment, predict(form, [], drive_of(experiment, model)).outputs.T, names)
 
 
 def _require_sampling(experiment: Experiment, frequencies: Array, beams: int) -> None:

@@ -110,12 +110,12 @@ def identify(
     start = find_structure(str(structure))
     beams = read_structure(start)
     experiments = _experiments(beams, reading_of(columns or {}, window), files, hold_back, uncoupled, free_start)
-    space = _space(beams, known or {}, fixed, free, priors or {}, bounds or {})
+    space = space_of(beams, known or {}, fixed, free, priors or {}, bounds or {})
     require_plausible(beams, experiments, space.names)
     settings = Settings(
         loss=loss,
-        weights=_of_sensors(beams, weights, "--weight", 1.0) if weights else None,
-        delays=_of_sensors(beams, delays or {}, "--delay", 0.0),
+        weights=of_sensors(beams, weights, "--weight", 1.0) if weights else None,
+        delays=of_sensors(beams, delays or {}, "--delay", 0.0),
         fit_delays=fit_delays,
         fit_offsets=fit_offsets,
     )
@@ -175,7 +175,7 @@ def _experiments(
     return experiments
 
 
-def _space(
+def space_of(
     structure: Structure,
     known: Mapping[str, float],
     fixed: Iterable[str],
@@ -203,7 +203,7 @@ def _space(
     return parameter_space(checked, free=chosen or None, known=settled, bounds=limits, priors=deviations)
 
 
-def _of_sensors(structure: Structure, given: Mapping[str, float], option: str, default: float) -> Array:
+def of_sensors(structure: Structure, given: Mapping[str, float], option: str, default: float) -> Array:
     """A value for each sensor; y_pm[] stands for all gauges."""
     names = sensor_names(structure)
     values = np.full(len(names), default)

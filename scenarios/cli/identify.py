@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from flexbeams.scenarios.cli.identify_plan import plan
 from flexbeams.scenarios.cli.options import BASIS, note, say, structure_option
 
 FILES = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -19,11 +20,13 @@ map_option = click.option(
 
 
 class ParametersByDefault(click.Group):
-    """A group whose arguments, where they name no command, are those of `parameters`."""
+    """A group whose arguments, where they name no command, are those of `parameters`, or with --plan of `plan`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Puts the default command in front."""
-        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+        """Puts the command in front."""
+        if "--plan" in args and args[0] not in self.commands:
+            args = ["plan", *(argument for argument in args if argument != "--plan")]
+        elif args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             args = ["parameters", *args]
         return super().parse_args(ctx, args)
 
@@ -33,8 +36,11 @@ def identify() -> None:
     """Identify a structure's parameters from measured step responses, sweeps or blows.
 
     `flexbeams identify DATA.csv ... --structure START.toml --out RESULT.toml` is short for `identify parameters`;
-    `flexbeams identify static DATA.csv ...` measures static gains.
+    `flexbeams identify static DATA.csv ...` measures static gains; `flexbeams identify --plan` proposes an experiment.
     """
+
+
+identify.add_command(plan)
 
 
 @identify.command()

@@ -68,8 +68,8 @@ def show_identification(result: Identification) -> None:
     """The parameters, what stays open, and how well each file is met."""
     console = Console()
     console.print(f"Start: {result.start.method}", highlight=False)
-    first = Column(header="parameter", no_wrap=True, min_width=29)
-    table = Table(first, "start", "identified", "unit", "+- 95 %", title="Parameters")
+    first, last = Column(header="parameter", no_wrap=True, min_width=27), Column(header="+- 95 %", min_width=12)
+    table = Table(first, "start", "identified", "unit", last, title="Parameters")
     for p in result.parameters:
         width = {"fitted": f"{196 * p.deviation:.2g} %", "assumed": "undetermined", "known": "known"}[p.status]
         table.add_row(escape(p.name), f"{p.start:.5g}", f"{p.value:.5g}", unit_of(p.name), width)
