@@ -26,6 +26,8 @@ def show_checks(result: JobResult) -> None:
         table.add_row(*map(cell, texts), verdict)
     if result.outcomes:
         out.print(table)
+    for line in result.saturation:
+        out.print(cell(line), soft_wrap=True)
     if result.timing is not None:
         out.print(
             f"{result.timing['steps']} steps in {result.timing['wall_s']:.2f} s"
@@ -67,4 +69,8 @@ def show_overview(results: Sequence[JobResult]) -> None:
             result.factor,
             cell(str(result.folder)) if result.folder else "none",
         )
-    console(width=300).print(table)
+    out = console(width=300)
+    out.print(table)
+    for result in results:
+        for line in result.saturation:
+            out.print(cell(f"{result.name}: {line}"))

@@ -188,7 +188,7 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "sample_time": ("s", "Sample time of the controller."),
         "transition_time": ("s", "Duration of a transition."),
         "gevrey_order": ("", "Smoothness of a transition, below 2."),
-        "voltage_limit": ("V", "Largest voltage of the feedforward."),
+        "voltage_limit": ("V", "Largest voltage that the feedforward plans with and the controller puts out."),
         "integral_gain": ("", "k_I of (45); default: 1e-4, at most a third of the largest stable one."),
         "verify": ("", "Plants on which the closed loop must be stable."),
         "weights": ("", "Weights of filter and regulator."),

@@ -23,6 +23,7 @@ Measure = Literal[
     "decay_time",
     "decay_ratio",
     "open_loop_peak",
+    "saturation_share",
 ]
 Row = Annotated[list[str], Field(min_length=1)]  # of a figure: overlaid signals
 SIGNALS = ("constant", "step", "pulse", "chirp", "pseudo_random", "table", "targets")  # of an input

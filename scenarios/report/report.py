@@ -13,6 +13,7 @@ from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
 from flexbeams.scenarios.results.run import Run
+from flexbeams.scenarios.results.saturation import saturation_lines
 
 _TIMING = {"steps": "steps", "wall_s": "stepping loop, s", "real_time_factor": "times real time"}
 
@@ -101,6 +102,7 @@ def _facts(run: Run, design: Design) -> list[tuple[str, str]]:
         ("Backend", settings.backend),
         ("Coupling", f"{s.coupling}, steps of {1e3 * _step(s, design):g} ms"),
         ("Simulated", f"{run.recording.time[-1]:g} s"),
+        *_saturation(run),
         *([("Set", ", ".join(f"{k} = {v}" for k, v in settings.overrides.items()))] if settings.overrides else []),
         ("Design id", design.design_id),
         *(("Design warning", line) for line in summary["warnings"]),
@@ -117,9 +119,14 @@ def _package_facts(run: Run) -> list[tuple[str, str]]:
         ("Units", ", ".join(f"{name} ({i.fmu})" for name, i in s.instance.items())),
         ("Coupling", f"{s.coupling}, steps of {1e3 * (s.step or 0.0):g} ms"),
         ("Simulated", f"{run.recording.time[0]:g} to {run.recording.time[-1]:g} s"),
+        *_saturation(run),
         *([("Set", ", ".join(f"{k} = {v}" for k, v in overrides.items()))] if overrides else []),
         ("Version", f"flexbeams {version('flexbeams')}"),
     ]
+
+
+def _saturation(run: Run) -> list[tuple[str, str]]:
+    return [("Voltages", line) for line in saturation_lines(run.summary["metrics"])]
 
 
 def _plural(count: int, word: str) -> str:

@@ -12,6 +12,7 @@ from flexbeams.plant.measures import decay_time, motion_settling_time, overshoot
 from flexbeams.scenarios.definition.declaration import element_names
 from flexbeams.scenarios.definition.schema import Check, Scenario
 from flexbeams.scenarios.definition.time_table import element_index
+from flexbeams.scenarios.results.saturation import FLAG, SHARE
 from flexbeams.scenarios.results.window import Window
 from flexbeams.scenarios.simulation.recording import Recording
 
@@ -124,6 +125,8 @@ class Measurement:
             case "settling_time" | "motion_settling_time":
                 settling = settling_time if check.measure == "settling_time" else motion_settling_time
                 value = float(window.largest(lambda time, y: settling(time, y, reference, check.after, check.share)))
+            case "saturation_share":
+                value = window.share(_is_set)
             case "open_loop_peak" | "decay_time" | "decay_ratio":
                 value = self._against_open_loop(check, key, window)
         if not check.relative:
@@ -202,12 +205,22 @@ class Measurement:
 
 
 def standard_metrics(recording: Recording) -> dict[str, float]:
-    """Metrics of every run: final deflections and the largest magnitude of each signal."""
+    """Metrics of every run: final deflections, the largest magnitude of each signal, shares of saturation."""
     end = recording.values[-1]
     largest = np.max([np.max(np.abs(values), axis=0) for _, values in recording.blocks()], axis=0)
+    flags = [k for k, column in enumerate(recording.columns) if column.endswith(FLAG)]
+    shares = {recording.columns[k]: Window.between(recording, [k], -np.inf, None).share(_is_set) for k in flags}
     metrics = {}
     for k, column in enumerate(recording.columns):
         if ".y_pi[" in column:
             metrics[f"{column}.end"] = float(end[k])
         metrics[f"{column}.largest"] = float(largest[k])
+        if column in shares:
+            metrics[column.removesuffix(FLAG) + SHARE] = shares[column]
     return metrics
+
+
+def _is_set(flags: Array) -> Array:
+    """Whether one of the flags (k, columns) is set in each row."""
+    is_set: Array = np.any(flags != 0, axis=1)
+    return is_set

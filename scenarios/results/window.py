@@ -60,5 +60,9 @@ class Window:
             before = y[-1:]
         return largest
 
+    def share(self, condition: Callable[[Array], Array]) -> float:
+        """Share of the rows for which a condition of values (k, columns) holds."""
+        return sum(int(np.count_nonzero(condition(y))) for _, y in self.parts()) / len(self)
+
     def _row(self, number: int) -> Array:
         return np.array(next(self.recording.blocks(number, number + 1))[1][0, self.columns])

@@ -19,6 +19,7 @@ from flexbeams.scenarios.results.checks import Outcome
 from flexbeams.scenarios.results.files import json_values
 from flexbeams.scenarios.results.folder import ResultFolder
 from flexbeams.scenarios.results.run import Kind, Run
+from flexbeams.scenarios.results.saturation import saturation_lines
 from flexbeams.scenarios.runs.files import figure_names, file_names, summary_head, write_files
 from flexbeams.scenarios.runs.observer import SILENT, Observer
 from flexbeams.scenarios.runs.package import ExtractedPackage, extracted_package, run_package
@@ -83,6 +84,7 @@ class JobResult:
     folder: Path | None = None  # None: nothing was written
     outcomes: Sequence[Outcome] = ()
     timing: dict[str, Any] | None = None  # as in summary.json
+    saturation: Sequence[str] = ()  # lines about instances whose voltages were at a limit
     message: str = ""  # why it is not complete
 
     @property
@@ -152,6 +154,7 @@ def run_job(
         folder=job.folder,
         outcomes=run.outcomes,
         timing=run.summary["timing"],
+        saturation=saturation_lines(run.summary["metrics"]),
         message=message,
     )
 
