@@ -144,7 +144,7 @@ class Simulation:
         if declared.variability != "tunable" or declared.causality != "parameter":
             rule = f"is neither an open input ({', '.join(self.inputs) or 'there is none'}) nor a tunable parameter"
             raise InputError(name, rule)
-        instance.set_start(variable, require_value(name, declared, value))
+        instance.set_values({variable: require_value(name, declared, value)})
 
     def _variable(self, name: str) -> tuple[str, str]:
         owner, variable = split_owner(name, self._instances)
@@ -152,6 +152,19 @@ class Simulation:
             return owner, variable
         known = [*self._arrays, *(f"{o}.{v}" for o, i in self._instances.items() for v in i.variables)]
         raise InputError(name, "is not a variable of this simulation" + suggestion(name, known))
+
+    def view(self, name: str) -> Array:
+        """The values of an array themselves (n,), which change with every step; those of an open input can be set.
+
+        For loops in which a copy would take too long. Raises InputError for what is neither an input nor an output.
+        """
+        if name in self._open:
+            return self._open[name]
+        if name not in self._arrays:
+            raise InputError(name, "is not an array of inputs or outputs" + suggestion(name, self._arrays))
+        view = self._arrays[name].view()
+        view.setflags(write=False)
+        return view
 
     def step(self, count: int = 1, *, until: float | None = None) -> None:
         """Steps once, `count` times, or as often as it takes to reach the time `until`, s.

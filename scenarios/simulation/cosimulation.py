@@ -3,6 +3,7 @@
 import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from flexbeams.scenarios.definition.values import TypedValue
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt
 from flexbeams.scenarios.simulation.failure import UnitEnded, UnitFailure
 from flexbeams.scenarios.simulation.frames import FrameRecorder
-from flexbeams.scenarios.simulation.initialisation import Initialisation
+from flexbeams.scenarios.simulation.initialisation import Initialisation, needed_inputs
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.recording import Recording, Rows
 from flexbeams.scenarios.simulation.row_file import RowFile
@@ -63,18 +64,21 @@ class CoSimulation:
         Loops are noted. Raises UnitFailure where a unit refuses a value.
         """
         for name, values in starts.items():
-            for variable, value in values.items():
-                self._instances[name].set_start(variable, value)
+            self._instances[name].set_values(values)
         for instance in self._instances.values():
             instance.call("setupExperiment", None, self._bus.start_time, self._bus.start_time + stop_time)
             instance.call("enterInitializationMode")
         self._hold(starts)
         self._drive(0)
-        Initialisation(self._instances, self._wiring, self._bus.signals).exchange(notify)
+        Initialisation(self._instances, self._wiring, self._bus.signals, self._needs).exchange(notify)
         for instance in self._instances.values():
             instance.call("exitInitializationMode")
         for instance in self._instances.values():
             instance.read()
+
+    @cached_property
+    def _needs(self) -> dict[str, dict[str, frozenset[str]]]:
+        return needed_inputs(self._instances, self._wiring)
 
     def run(
         self,

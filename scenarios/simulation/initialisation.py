@@ -22,17 +22,23 @@ _SETTLED = 1e-12  # relative change of a loop's values from round to round
 
 
 class Initialisation:
-    """Exchanges the values of initialisation mode between instances; `signals` is the array of all signals."""
+    """Exchanges the values of initialisation mode between instances; `signals` is the array of all signals.
 
-    def __init__(self, instances: Mapping[str, UnitInstance], wiring: Wiring, signals: Array) -> None:
+    `needs` is as from needed_inputs.
+    """
+
+    def __init__(
+        self,
+        instances: Mapping[str, UnitInstance],
+        wiring: Wiring,
+        signals: Array,
+        needs: Mapping[str, Mapping[str, frozenset[str]]],
+    ) -> None:
         self._instances, self._wiring, self._signals = instances, wiring, signals
         first_external = wiring.external[0][0].start if wiring.external else wiring.size
         self._known = set(range(first_external, wiring.size))  # signals with a value
         self._set: dict[str, set[str]] = {name: set() for name in instances}  # inputs with a value
-        self._needs = {
-            name: output_dependencies(instance.description, [n for n, _ in wiring.inputs[name]])
-            for name, instance in instances.items()
-        }
+        self._needs = needs
 
     def exchange(self, notify: Callable[[str], None]) -> None:
         """Sets and reads all values; loops are noted.
@@ -118,6 +124,14 @@ class Initialisation:
                 return
         reason = f"the loop {' -> '.join(loop)} does not settle in {MAX_ROUNDS} rounds"
         raise UnitFailure(loop[0].partition(".")[0], 0.0, "initialisation", reason)
+
+
+def needed_inputs(instances: Mapping[str, UnitInstance], wiring: Wiring) -> dict[str, dict[str, frozenset[str]]]:
+    """For each instance, the connected inputs that each output depends on during initialisation."""
+    return {
+        name: output_dependencies(instance.description, [n for n, _ in wiring.inputs[name]])
+        for name, instance in instances.items()
+    }
 
 
 def output_dependencies(description: Any, connected: list[str]) -> dict[str, frozenset[str]]:

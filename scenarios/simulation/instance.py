@@ -162,14 +162,20 @@ class UnitInstance:
         self.last_error = ""
         return UnitEnded(self.name, self.time + step if completed else self.time, completed)
 
+    def set_values(self, values: Mapping[str, TypedValue]) -> None:
+        """Sets variables by name, those of a type in one call."""
+        by_type: dict[str, tuple[list[int], list[Any]]] = {}
+        for name, value in values.items():
+            kind = access_type(self.variables[name].type)
+            references, typed = by_type.setdefault(kind, ([], []))
+            references.append(self.variables[name].valueReference)
+            typed.append(value if kind == "String" else float(value) if kind == "Real" else int(value))
+        for kind, arguments in by_type.items():
+            self.call(f"set{kind}", *arguments)
+
     def set_start(self, name: str, value: TypedValue) -> None:
         """Sets one variable by name, by its type."""
-        variable = self.variables[name]
-        self.call(
-            f"set{access_type(variable.type)}",
-            [variable.valueReference],
-            [value if variable.type == "String" else float(value) if variable.type == "Real" else int(value)],
-        )
+        self.set_values({name: value})
 
     def get(self, name: str) -> float | bool | str:
         """Value of one variable."""
