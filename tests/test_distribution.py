@@ -17,7 +17,19 @@ from tests.helpers import ROOT, made_once, python_environment
 
 FOLDERS = ("flexbeams", "plant", "controller", "fmus", "scenarios")
 NAMESAKES = ("plant", "controller", "scenarios")  # packages of the index with names of our folders
-SHIPPED = (".py", ".c", ".h", ".toml", ".csv", ".js", ".css", ".j2", ".typed", ".LICENSE")  # by the end of the name
+SHIPPED = (
+    ".py",
+    ".c",
+    ".h",
+    ".toml",
+    ".csv",
+    ".js",
+    ".css",
+    ".j2",
+    ".typed",
+    ".LICENSE",
+    ".ipynb",
+)  # by the end of the name
 HEAVY = {"numpy", "scipy", "fmpy", "matplotlib", "pydantic", "click", "rich", "importlib.metadata"}
 pytestmark = pytest.mark.slow
 

@@ -32,6 +32,7 @@ FLOORS = {
         "results",
         "report",
         "runs",
+        "learning",
         "masters",
         "exporting",
         "bench",

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ import numpy as np
 
 from flexbeams.controller.analysis import Analysis, analyse
 from flexbeams.controller.closed_loop import sampled_controller, sampled_plant
+from flexbeams.controller.computation import reduced_with
 from flexbeams.controller.design import Design
 from flexbeams.controller.design_file import write_design
+from flexbeams.controller.gains import ControlWeights, control_weights
 from flexbeams.controller.loop import Loop
 from flexbeams.controller.margins import Margins, loop_margins
 from flexbeams.controller.options import DesignOptions
@@ -91,6 +94,16 @@ class DesignView:
     def estimator_gain(self) -> Array:
         """L (m, n_pm) of the Kalman filter in predictor form."""
         return self.arrays["estimator_gain"]
+
+    @cached_property
+    def weights(self) -> ControlWeights:
+        """The weights (46), (47) of filter and regulator at the sample time, in the states of `model`.
+
+        `Q_c`, `R_c` with `model.sampled(T)` give `feedback_gain`; `Q_o`, `R_o` give `estimator_gain`.
+        """
+        own = self.computed.model()
+        reduced = reduced_with(own, own.assemble(), self.options, self.options.reduced_modes)
+        return control_weights(reduced, self.options)
 
     @property
     def model(self) -> StateSpace:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from flexbeams.fmus.units.flatness_feedforward import SLOTS
+from flexbeams.scenarios.bench.callers import caller_costs
 from flexbeams.scenarios.bench.growth import REDUCED_MODES, measure_growth
 from flexbeams.scenarios.bench.loop_costs import (
     REAL_TIME_LIMIT,
@@ -20,6 +21,7 @@ from flexbeams.scenarios.bench.timing import Target
 from flexbeams.scenarios.bench.workbench import SCENARIO, Workbench
 
 STEPS, ROUNDS = 30_000, 25
+CALLER_ROUNDS = 9
 FORM_ROUNDS = 9  # of the plant's forms, at most: a new length of the dense one takes as long as a thousand steps
 
 
@@ -34,7 +36,7 @@ def measure(
     Keys: `scenario`, `design_id`, `steps`, `step_s`, `rounds`, `statistic`, `compiler`, `platform`; `loops`, a list of
     `name` and a Cost for `bare`, `fmi`, `runner` and `numpy`; `transitions` and `growth`, lists of costs by number of
     transitions in progress and of beams; `plant_forms`, costs of the plant in modal and in dense form; `real_time`,
-    durations of single steps; `targets`, a list of Target with `met`.
+    durations of single steps; `callers`, microseconds a step from Python; `targets`, a list of Target with `met`.
     """
     parts: list[Callable[[], Any]] = [
         partial(unit_costs, bench, rounds),
@@ -43,13 +45,14 @@ def measure(
         partial(superposed_costs, bench, rounds, SLOTS),
         partial(step_durations, bench),
         partial(plant_form_costs, bench, min(rounds, FORM_ROUNDS)),
+        partial(caller_costs, bench, min(rounds, CALLER_ROUNDS)),
         *(partial(measure_growth, bench, rounds, count) for count in beams or REDUCED_MODES),
     ]
     results = []
     for done, part in enumerate(parts):
         progress(done, len(parts))
         results.append(part())
-    units, closed_loop, one, several, real_time, plant_forms, *growth = results
+    units, closed_loop, one, several, real_time, plant_forms, callers, *growth = results
     loops, transitions = [*units, closed_loop], [one, several]
     return {
         "scenario": SCENARIO,
@@ -64,13 +67,17 @@ def measure(
         "transitions": transitions,
         "real_time": real_time,
         "plant_forms": plant_forms,
+        "callers": callers,
         "growth": growth,
-        "targets": [{**asdict(t), "met": t.met} for t in _targets(loops, transitions, real_time)],
+        "targets": [{**asdict(t), "met": t.met} for t in _targets(loops, transitions, real_time, callers)],
     }
 
 
 def _targets(
-    loops: Sequence[dict[str, Any]], transitions: Sequence[dict[str, Any]], real_time: dict[str, Any]
+    loops: Sequence[dict[str, Any]],
+    transitions: Sequence[dict[str, Any]],
+    real_time: dict[str, Any],
+    callers: dict[str, Any],
 ) -> list[Target]:
     by_name = {loop["name"]: loop for loop in loops}
     plant, closed = by_name["plant"], by_name["closed loop"]
@@ -90,4 +97,5 @@ def _targets(
         Target(
             name="closed-loop step, p99.99", measured=1e6 * real_time["p99.99"], limit=1e6 * REAL_TIME_LIMIT, unit="us"
         ),
+        Target(name="simulation from Python, beyond the units", measured=callers["overhead"], limit=10.0, unit="us"),
     ]

@@ -42,16 +42,16 @@ class Workbench:
         build_folder: Path | None = None,
         notify: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.steps, self.compiler, self._build, self._notify = steps, compiler, cache_folder(build_folder), notify
-        settings = Settings(compiler=compiler, build_folder=self._build, record_animation=False)
+        self.steps, self.compiler, self.build_folder, self._notify = steps, compiler, cache_folder(build_folder), notify
+        settings = Settings(compiler=compiler, build_folder=self.build_folder, record_animation=False)
         prepared = prepare_scenario(load_scenario(SCENARIO), settings, notify)
         scenario, self.design = prepared.scenario, prepared.design
         self._plan, self.step = prepared.wiring, prepared.step
         self._starts = {name: prepared.numeric_starts(name) for name in prepared.starts}
         self.model = prepared.models["plant"]
         self._files = unit_files(prepared, notify)
-        self._stepper = stepper_library(self._build, compiler)
-        self._library = bare_library(self._build, compiler, self._files["feedforward"])
+        self._stepper = stepper_library(self.build_folder, compiler)
+        self._library = bare_library(self.build_folder, compiler, self._files["feedforward"])
         self.matrices = matrices_of(self.design, self.model)
         self._stack = ExitStack()
         self._folder = self._stack.enter_context(temporary_folder())
@@ -66,7 +66,7 @@ class Workbench:
 
     def units(self, units: Mapping[str, tuple[UnitKind, BeamModel]], design: Design) -> dict[str, Path]:
         """FMUs by instance, for kind and model of each; missing ones are built."""
-        return ensure_units(units, design, self._build, self._notify, compiler=self.compiler)
+        return ensure_units(units, design, self.build_folder, self._notify, compiler=self.compiler)
 
     @property
     def plant_file(self) -> Path:

@@ -26,12 +26,25 @@ def show_bench(figures: dict[str, Any]) -> None:
         _targets(figures["targets"]),
     ):
         out.print(table)
+    out.print(_callers(figures["callers"]), soft_wrap=True)
     r = figures["real_time"]
     durations = ", ".join(f"{name} {1e6 * r[name]:.1f} µs" for name in ("median", "p99", "p99.99", "max"))
     out.print(
         f"one closed-loop step, of {r['steps']}: {durations}; {r['over_limit']} above {1e6 * r['limit']:g} µs",
         soft_wrap=True,
     )
+
+
+def _callers(costs: dict[str, Any]) -> str:
+    """The cost of a step that Python code asks for, on one line."""
+    text = (
+        f"one step from Python: {costs['simulation']:.2f} µs with a law of one's own, {costs['overhead']:.2f} µs of "
+        f"this beyond the units ({costs['units']:.2f} µs)"
+    )
+    if costs["environment"] is None:
+        return text
+    each = f"{costs['environment']:.2f} µs, {1e6 / costs['environment']:,.0f} a second"
+    return f"{text}; of the environment flexbeams/Tracking-v0: {each}"
 
 
 def show_masters(figures: dict[str, Any]) -> None:

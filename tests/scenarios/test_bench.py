@@ -174,7 +174,12 @@ def test_json_of_the_verb(
             assert grown[unit].keys() == {"bare_us_per_step", "fmi_us_per_step", "ratio"}
     assert [f["cost"] for f in figures["plant_forms"]] == ["step", "step of a new length", "initialisation"]
     assert all(f["modal_us"] > 0 and f["dense_us"] > 0 for f in figures["plant_forms"])
-    assert len(figures["targets"]) == 6
+    callers = figures["callers"]
+    assert callers.keys() == {"units", "simulation", "overhead", "environment"}
+    assert callers["simulation"] > callers["units"] > 0
+    assert callers["overhead"] == pytest.approx(callers["simulation"] - callers["units"])
+    assert callers["environment"] is None or callers["environment"] > callers["units"]
+    assert len(figures["targets"]) == 7
     assert all(t["met"] == (t["measured"] <= t["limit"]) for t in figures["targets"])
 
 
@@ -184,7 +189,19 @@ def test_table_of_the_verb(
     patch_modes(monkeypatch, {1: 2})
     assert main(["bench", "--steps", "10"]) == 0
     shown = capsys.readouterr().out
-    for text in ("closed loop", "FMI functions", "numpy", "growth", "dense", "targets", "at most", "of 33", "p99.99"):
+    for text in (
+        "closed loop",
+        "FMI functions",
+        "numpy",
+        "growth",
+        "dense",
+        "targets",
+        "from Python",
+        "at most",
+        "of 33",
+        "from Python",
+        "p99.99",
+    ):
         assert text in shown
 
 

@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.native, needs_zig, pytest.mark.slow]
 
 
 def make(**options: Any) -> Any:
-    from flexbeams.scenarios.api.environments import TRACKING, register
+    from flexbeams.scenarios.learning.registration import TRACKING, register
 
     register()
     return gymnasium.make(TRACKING, structure="kiel", disable_env_checker=True, **options).unwrapped

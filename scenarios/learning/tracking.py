@@ -8,8 +8,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.api.simulations import simulation
 from flexbeams.scenarios.definition.choices import Backend
+from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.definition.settings import Settings
+from flexbeams.scenarios.runs.simulation import Simulation
 
 Vector = NDArray[np.float32]
 _LARGEST_TARGET = 0.8  # share of the voltage limit that a target needs at rest, at most
@@ -62,7 +64,7 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
     Examples
     --------
     >>> import gymnasium
-    >>> from flexbeams.scenarios.api.environments import register
+    >>> from flexbeams.scenarios.learning.registration import register
     >>> register()  # an installed flexbeams is registered already
     >>> env = gymnasium.make("flexbeams/Tracking-v0", spread=0.1, noise=1e-7)
     >>> observation, info = env.reset(seed=1)
@@ -93,15 +95,14 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
         if hold < 1:
             raise InputError("hold", "must be >= 1", hold)
         self.render_mode = render_mode
-        self._sim = simulation(
-            scenario,
-            without=["controller", "feedforward.y_target"],
+        settings = Settings(
             structure=structure,
-            start={"feedforward.preview": 0.0, "plant.strain_noise_std": noise},
+            overrides={"feedforward.preview": 0.0, "plant.strain_noise_std": noise},
             stop_time=episode_time,
             backend=backend,
-            record=False,
         )
+        parts = ["controller", "feedforward.y_target"]
+        self._sim = Simulation(load_scenario(scenario), settings, without=parts, record=False)
         self._spread, self._noisy, self._hold, self._stop = spread, noise > 0, hold, self._sim.prepared.steps
         design = self._sim.prepared.design
         self._limit = design.options.voltage_limit

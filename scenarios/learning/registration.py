@@ -8,4 +8,4 @@ def register() -> None:
     import gymnasium
 
     if TRACKING not in gymnasium.registry:
-        gymnasium.register(id=TRACKING, entry_point="flexbeams.scenarios.api.tracking_environment:TrackingEnvironment")
+        gymnasium.register(id=TRACKING, entry_point="flexbeams.scenarios.learning.tracking:TrackingEnvironment")

@@ -1,0 +1,1 @@
+"""How does an agent learn on a scenario? Environments of Gymnasium."""
