@@ -33,7 +33,8 @@ def two_pairs() -> Design:
     single = read_structure(find_structure("single_beam"))
     [first] = single.patch
     second = replace(first, position=first.position + first.length + 0.02)
-    return computed_once(replace(single, patch=(first, second)), DesignOptions(reduced_modes=3))
+    structure = replace(single, patch=(first, second), actuator=None)
+    return computed_once(structure, DesignOptions(reduced_modes=3))
 
 
 def folder_of(backend: Backend) -> Path:
@@ -137,3 +138,41 @@ def test_reference_results_hold_with_redundant_pairs(backend: Backend) -> None:
         scale = np.abs(expected).max(axis=0)
         assert np.abs(np.array(found) - expected).max(axis=0) == pytest.approx(0.0, abs=1e-9 * float(scale.max()))
         assert expected[:, -1].any() == (experiment.name == "limited")
+
+
+@needs_zig
+@pytest.mark.native
+def test_both_kernels_agree_while_limits_move() -> None:
+    """Random strains, references and limits of each pair, with much saturation on both sides: to 1e-12."""
+    rng = np.random.default_rng(3)
+    m, gauges = len(two_pairs().arrays["A"]), len(two_pairs().structure.strain_gauge)
+    traces = [
+        [unit_inputs(rng, m, gauges), float(rng.choice([SAMPLE, 2 * SAMPLE, 0.3 * SAMPLE])), limits_of_pairs(rng)]
+        for _ in range(400)
+    ]
+    found = []
+    for backend in ("native", "python"):
+        with loaded(folder_of(backend)) as unit:
+            unit.begin(integral_gain=3e-3)
+            rows = []
+            for k, (inputs, step, limits) in enumerate(traces):
+                for name, value in limits.items() if k % 10 == 0 else ():
+                    unit.put(name, value)
+                rows.append(unit.advance(step, **inputs).everything())
+            found.append(np.array(rows))
+            assert 0.2 < unit.take("saturation_share")[0] < 0.95
+    native, python = found
+    scale = np.abs(python).max(axis=0)
+    assert (np.abs(native - python).max(axis=0) / np.where(scale > 0, scale, 1.0)).max() < 1e-12
+
+
+def unit_inputs(rng: np.random.Generator, m: int, gauges: int) -> dict[str, Real]:
+    return {
+        "y_pm": rng.normal(0.0, 3e-5, gauges),
+        "u_ff": rng.normal(0.0, 200.0, 2),
+        "x_ref": rng.normal(0.0, 1e-2, m),
+    }
+
+
+def limits_of_pairs(rng: np.random.Generator) -> dict[str, Real]:
+    return {"voltage_min": -rng.uniform(0.0, 400.0, 2), "voltage_max": rng.uniform(0.0, 400.0, 2)}
