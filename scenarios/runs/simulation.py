@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
+from typing import Any, NoReturn, Self, cast
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +16,7 @@ from flexbeams.scenarios.definition.declaration import by_index, split_owner
 from flexbeams.scenarios.definition.reduction import without_parts
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile
 from flexbeams.scenarios.definition.schema import Value
-from flexbeams.scenarios.definition.settings import Settings, StartValues, start_values
+from flexbeams.scenarios.definition.settings import Settings, StartValues, require_undriven, start_values
 from flexbeams.scenarios.definition.values import require_value
 from flexbeams.scenarios.importing.archives import ExtractionBudget
 from flexbeams.scenarios.results.curves import array_name
@@ -102,7 +102,7 @@ class Simulation:
         """Communication steps done."""
         return self._stepwise.done
 
-    def __getitem__(self, name: str) -> Array | float | str:
+    def __getitem__(self, name: str) -> Any:
         """A copy of an array (n,), or the value of an element or scalar, in SI units.
 
         Outputs and inputs cost less than a microsecond; other variables are asked of their unit. Raises InputError for
@@ -169,7 +169,7 @@ class Simulation:
     def step(self, count: int = 1, *, until: float | None = None) -> None:
         """Steps once, `count` times, or as often as it takes to reach the time `until`, s.
 
-        Raises InputError beyond the stop time, UnitFailure where a unit fails.
+        Raises InputError beyond the stop time, UnitFailure where a unit fails, UnitEnded where it ends the run.
         """
         if until is not None:
             count = max(0, -(-round((until - self.time) / self.step_size * 1e6) // 1_000_000))
@@ -207,6 +207,7 @@ class Simulation:
         if not start and seed is None:
             return prepared.starts
         overrides = {**prepared.settings.overrides, **start}
+        require_undriven(start, prepared.wiring.driven())
         starts = start_values(prepared.scenario, prepared.declarations, overrides, prepared.source)
         if seed is not None:
             noisy = [name for name, declaration in prepared.declarations.items() if SEED in declaration.variables]
@@ -234,6 +235,7 @@ class Simulation:
     def close(self) -> None:
         """Ends the units and removes their files; further calls do nothing."""
         self._finalizer()
+        self._stepwise, self._instances = cast(Stepwise, _Closed()), {}
 
     def __enter__(self) -> Self:
         return self
@@ -242,6 +244,13 @@ class Simulation:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class _Closed:
+    """In place of the units of a closed simulation."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise InputError("simulation", "is closed")
 
 
 def _spans(elements: Mapping[str, int]) -> dict[str, slice]:

@@ -154,8 +154,20 @@ class Stepwise(CoSimulation):
                     self._failure = failure  # some units may have stepped
                 raise
             except UnitEnded as end_of_run:
-                self.ended = str(end_of_run)
+                self._end(end_of_run)
                 raise
+
+    def _end(self, end: UnitEnded) -> None:
+        """Completes the step of a unit that ended the run at its end."""
+        self.ended = str(end)
+        if not end.completed:
+            return
+        try:
+            self._complete_step(end.instance, self.stepper.done)
+        except UnitFailure as failure:
+            self._failure, self.ended = failure, ""
+            raise
+        self.stepper.begin(self.stepper.done + 1)
 
     def _require_open(self, end: int) -> None:
         if self._failure is not None:
@@ -232,4 +244,4 @@ class Stepwise(CoSimulation):
 
     def close(self) -> None:
         """Frees the saved states, before the instances end."""
-        self._states.free_released()
+        self._states.free_all()

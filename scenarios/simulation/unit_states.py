@@ -5,6 +5,7 @@ import zlib
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
+from weakref import WeakSet
 
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.simulation.failure import UnitFailure
@@ -17,10 +18,10 @@ class HeldStates:
     """States in the memory of the units, by instance; they are released once nothing refers to them."""
 
     def __init__(self, handles: dict[str, Any], released: deque[dict[str, Any]]) -> None:
-        self.handles, self.released = handles, released
+        self.handles, self._released = handles, released
 
     def __del__(self) -> None:
-        self.released.append(self.handles)  # the simulation frees them between two of its calls
+        self._released.append(self.handles)  # the simulation frees them between two of its calls
 
 
 class UnitStates:
@@ -29,6 +30,7 @@ class UnitStates:
     def __init__(self, instances: Mapping[str, UnitInstance]) -> None:
         self._instances = instances
         self._released: deque[dict[str, Any]] = deque()
+        self._taken: WeakSet[HeldStates] = WeakSet()
 
     def require_savable(self) -> None:
         """InputError for an instance whose unit cannot save and serialise its state."""
@@ -41,11 +43,13 @@ class UnitStates:
     def take(self) -> HeldStates:
         """The present states."""
         self.free_released()
-        return HeldStates({name: i.call("getFMUstate") for name, i in self._instances.items()}, self._released)
+        states = HeldStates({name: i.call("getFMUstate") for name, i in self._instances.items()}, self._released)
+        self._taken.add(states)
+        return states
 
     def took(self, states: HeldStates) -> bool:
         """Whether states are of these instances."""
-        return states.released is self._released
+        return states in self._taken
 
     def put(self, states: HeldStates) -> None:
         """Sets all instances to states taken here."""
@@ -68,11 +72,22 @@ class UnitStates:
                 raise InputError("snapshot", f"is refused: {failure}") from None
         return states
 
+    def free_all(self) -> None:
+        """Frees all states, before the instances end."""
+        self.free_released()
+        for states in list(self._taken):
+            self._free(states.handles)
+            states.handles = {}
+        self._taken.clear()
+
     def free_released(self) -> None:
         """Frees the states to which nothing refers any longer."""
         while self._released:
-            for name, handle in self._released.popleft().items():
-                self._instances[name].call("freeFMUstate", handle)
+            self._free(self._released.popleft())
+
+    def _free(self, handles: Mapping[str, Any]) -> None:
+        for name, handle in handles.items():
+            self._instances[name].call("freeFMUstate", handle)
 
 
 def pack_snapshot(header: Mapping[str, Any], parts: Mapping[str, bytes]) -> bytes:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flexbeams as fb
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.results.files import read_results
@@ -13,6 +14,7 @@ from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.files import write_run
 from flexbeams.scenarios.runs.observer import Observer
 from flexbeams.scenarios.runs.scenario import run_scenario
+from flexbeams.scenarios.simulation.failure import UnitEnded
 from tests.units.foreign.unit import ForeignUnit, ForeignVariable
 
 pytestmark = pytest.mark.native
@@ -331,6 +333,17 @@ def test_a_step_done_before_the_end_is_recorded(bench: Bench, coupling: str) -> 
     for name in "abc":
         assert recording.values[:, recording.columns.index(f"{name}.clock")] == pytest.approx(recording.time)
     assert bench.notes == ["b ended the run at 0.04 s"]
+    path, build_folder = bench.folder / "case.toml", bench.build_folder
+    with fb.simulation(path, coupling=coupling, build_folder=build_folder) as sim:  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"instance\.a cannot save its state"):
+            sim.snapshot()
+        with pytest.raises(UnitEnded, match=r"b ended the run at 0\.04 s"):
+            sim.step(until=0.05)
+        stepped = sim.result().recording
+        with pytest.raises(InputError, match=r"b ended the run at 0\.04 s; the simulation goes on after reset"):
+            sim.step()
+    np.testing.assert_array_equal(stepped.values, recording.values)
+    np.testing.assert_array_equal(stepped.time, recording.time)
 
 
 @pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])

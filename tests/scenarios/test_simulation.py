@@ -1,6 +1,8 @@
 """Simulations that the caller steps: the same results as a run, own inputs, snapshots, new parameters."""
 
 import multiprocessing
+import signal
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -173,6 +175,8 @@ def test_refusals_leave_the_simulation_as_it_was(scenario: str) -> None:
             (lambda: sim.step(-1), "step must be >= 0, got -1"),
             (lambda: sim.step(until=1.0), "step must end by the stop time, 0.2 s; see stop_time, got 1"),
             (lambda: sim.reset({"plant.mass": 1.0}), "--set plant.mass is not a variable"),
+            (lambda: sim.reset({"plant.u": 1.0}), "--set must not set an input that the scenario drives"),
+            (lambda: sim.reset({"controller.feedback": 2.0}), "--set controller.feedback must be of type Boolean"),
             (lambda: sim.restore(state[:-1]), "snapshot must be the unchanged bytes of a snapshot"),
             (lambda: sim.restore(b""), "snapshot must be the unchanged bytes of a snapshot"),
         ):
@@ -224,3 +228,57 @@ def test_mistakes(scenario: str, options: Any, message: str) -> None:
     with pytest.raises(fb.FlexbeamsError) as caught:
         fb.simulation(scenario, **options)
     assert message in str(caught.value)
+
+
+def test_a_failed_unit_goes_on_after_restore_and_reset(scenario: str) -> None:
+    """The controller gives up after 50 strains beyond its limit; a refused step counts as none."""
+    for backend in ("native", "python"):
+        with fb.simulation(scenario, without=["controller.y_pm"], backend=backend) as sim:  # type: ignore[arg-type]
+            sim.step(10)
+            state = sim.snapshot()
+            sim["controller.y_pm"] = 0.5
+            with pytest.raises(fb.FlexbeamsError, match=r"controller failed at 0\.0118 s"):
+                sim.step(100)
+            assert sim.steps == 59
+            with pytest.raises(fb.FlexbeamsError, match="the simulation goes on after reset or restore"):
+                sim.step()
+            assert len(sim.result().time) == 60
+            sim.restore(state)
+            assert sim["controller.y_pm"].tolist() == [0.0, 0.0]
+            sim.step(100)
+            values = sim["plant.y_pi"]
+            sim.reset()
+            sim.step(110)
+            np.testing.assert_array_equal(sim["plant.y_pi"], values)
+
+
+def test_closed_simulations_say_so(scenario: str) -> None:
+    sim = fb.simulation(scenario, backend="python")
+    sim.step(10)
+    state = sim.snapshot()
+    sim.close()
+    sim.close()
+    for call in (sim.step, sim.snapshot, sim.reset, sim.result, lambda: sim.time, lambda: sim.restore(state)):
+        with pytest.raises(fb.FlexbeamsError, match="simulation is closed"):
+            call()  # type: ignore[no-untyped-call, operator]
+    with fb.simulation(scenario, backend="python") as other:
+        other.restore(state)
+        assert other.steps == 10
+
+
+@pytest.mark.native
+def test_ctrl_c_takes_effect_between_two_steps(scenario: str, ctrl_c: None) -> None:
+    with (
+        fb.simulation(scenario, stop_time=200.0, record=False) as sim,
+        fb.simulation(scenario, stop_time=200.0) as twin,
+    ):
+        timer = threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,))
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            sim.step(until=200.0)
+        timer.join()
+        done = sim.steps
+        assert 0 < done < 1_000_000
+        sim.step(10)
+        twin.step(done + 10)
+        np.testing.assert_array_equal(sim["plant.y_pi"], twin["plant.y_pi"])
