@@ -91,16 +91,21 @@ class Compiler:
         includes: Sequence[Path],
         platform: Platform,
         definitions: Sequence[str] = (),
+        processor: str = "",
     ) -> None:
         """Compile sources to a shared library; BuildError with the compiler's first line where it fails.
 
+        It runs on any processor of the platform, or on those like `processor` only, such as x86-64-v3.
         The library's bytes depend on its file name, the compiler and the contents of the sources, not on folders.
         """
         if not self.is_zig and platform != host_platform():
             raise BuildError(
                 f"{self.command[0]} builds for {host_platform().name} only, {platform.name} takes the compiler zig"
             )
-        target = ("-target", platform.target, "-mcpu=baseline") if self.is_zig else ()
+        model = processor.replace("-", "_") if self.is_zig else processor
+        target: tuple[str, ...] = (f"-march={model}",) if model else ()
+        if self.is_zig:
+            target = ("-target", platform.target, f"-mcpu={model or 'baseline'}")
         command = [
             *self.command,
             *target,

@@ -39,6 +39,7 @@ def _part(context: click.Context, parameter: click.Parameter, text: str | None) 
 @click.option(
     "--backend", type=click.Choice(list(BACKENDS)), default="native", show_default=True, help="Kernel of the units."
 )
+@click.option("--no-batch", is_flag=True, help="Run all samples through the FMI units, none through the batch kernel.")
 @compiler_option
 @cache_option
 @scenario_options("Set a start value or parameter in all runs.", "Communication step in s.")
@@ -52,6 +53,7 @@ def study(
     scheduler: str | None,
     part: tuple[int, int],
     out: Path | None,
+    no_batch: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -67,7 +69,7 @@ def study(
     require_parquet()
     if scheduler is not None and jobs is not None:
         raise click.UsageError("--jobs is for processes of this machine, --scheduler for a cluster")
-    planned = _planned(name, out, options, runs=runs, method=method, seed=seed)
+    planned = _planned(name, out, options, runs=runs, method=method, seed=seed, batch=not no_batch)
     with study_progress() as progress:
         finished = planned.run(_workers(jobs, scheduler), part=part, notify=note, progress=progress)
     if not finished:

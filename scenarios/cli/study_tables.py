@@ -49,6 +49,9 @@ def show_study(summary: dict[str, Any]) -> None:
     out = console()
     out.print(f"[bold]{cell(summary['study'])}[/bold]: {cell(summary['title'])}")
     out.print(f"{summary['runs']} runs, {summary['failed']} failed")
+    if summary["checked"]["runs"]:
+        gap = f"{summary['checked']['largest_difference']:.1g}"
+        out.print(f"by the batch kernel; {summary['checked']['runs']} of them through the units as well, within {gap}")
     for failure in summary["failures"][:5]:
         out.print(f"  run {failure['run']}: {cell(failure['reason'])}")
     table = Table()

@@ -129,12 +129,18 @@ class Measurement:
                 value = window.share(_is_set)
             case "open_loop_peak" | "decay_time" | "decay_ratio":
                 value = self._against_open_loop(check, key, window)
-        if not check.relative:
-            return value
+        return value * self._factor(check, key) if check.relative else value
+
+    def layout(self, check: Check, key: str = "check") -> tuple[Window, Array, float]:
+        """The window that a check looks at, its reference (columns,), and a factor of the value for `relative`."""
+        window = self._window(self._recording, check, key)
+        return window, self._reference(check, window, key), self._factor(check, key) if check.relative else 1.0
+
+    def _factor(self, check: Check, key: str) -> float:
         largest = float(np.max(np.abs(self._target(check, key))))
         if largest == 0:
             raise InputError(f"{key}.relative", "needs a target other than zero", source=self._source)
-        return 100 * value / largest
+        return 100 / largest
 
     def _against_open_loop(self, check: Check, key: str, window: Window) -> float:
         """Decay to a fraction of the open loop's peak; a run without `open_loop` is compared with itself."""

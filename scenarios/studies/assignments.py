@@ -13,9 +13,14 @@ from flexbeams.scenarios.results.checks import column_indices
 from flexbeams.scenarios.runs.prepare import PreparedScenario
 from flexbeams.scenarios.runs.repeated import lean
 from flexbeams.scenarios.runs.scenario import unit_files
+from flexbeams.scenarios.simulation.batch_kernel import batch_libraries
 from flexbeams.scenarios.simulation.native_stepper import stepper_library
+from flexbeams.scenarios.studies.batch import BatchPlan, batch_plan
+from flexbeams.scenarios.studies.loop_wires import standard_loop
 from flexbeams.scenarios.studies.planning import StudyPlan, prepare_study
 from flexbeams.scenarios.studies.tasks import Assignment, Loop, Request, digest, reduced
+
+CHECKED = 8  # runs of the batch kernel for each controller that go through the units as well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +77,7 @@ def _work(
     compared = prepared.open_loop
     if not any(check.measure in ("decay_time", "decay_ratio", "open_loop_peak") for check in plan.checks):
         compared = None
+    batch, libraries = _batch(plan, prepared, contents, notify)
     assignment = Assignment(
         loop=replace(loop, prepared=with_measures),
         open_loop=None if compared is None else _loop(compared, measured, contents, notify),
@@ -79,10 +85,29 @@ def _work(
         source=plan.source,
         signals=plan.signals,
         every=plan.every,
+        batch=batch,
+        libraries=libraries,
+        checked=frozenset(numbers[np.linspace(0, len(numbers) - 1, min(CHECKED, len(numbers))).astype(int)].tolist()),
     )
     pickled = pickle.dumps(assignment)
     name = digest(pickled)
     return Work(numbers=numbers, assignment=name, contents={name: pickled, **contents})
+
+
+def _batch(
+    plan: StudyPlan, prepared: PreparedScenario, contents: dict[str, bytes | Path], notify: Callable[[str], None]
+) -> tuple[BatchPlan | None, dict[str, str]]:
+    """The plan for the batch kernel, None where it does not apply, and its libraries, which join the contents."""
+    if not plan.batch or plan.signals or standard_loop(prepared) is None:
+        return None, {}
+    settings = prepared.settings
+    library = stepper_library(settings.build_folder, settings.compiler)
+    batch = batch_plan(prepared, plan.axes, plan.checks, unit_files(prepared, notify), library)
+    libraries = {}
+    for variant, file in (batch_libraries(settings.build_folder, settings.compiler) if batch else {}).items():
+        libraries[variant] = digest(file.read_bytes())
+        contents[libraries[variant]] = file
+    return batch, libraries
 
 
 def _loop(

@@ -45,6 +45,7 @@ class Results:
     inputs: Array  # (done, axes)
     measures: Array  # (done, measures), NaN where a run failed
     failures: list[str]  # reasons, empty where a run is complete
+    differences: Array  # (done,) of the batch kernel from the units, relative; NaN of runs that were not checked
 
     @property
     def complete(self) -> NDArray[np.bool_]:
@@ -159,11 +160,13 @@ class DataSet:
         plan = self._plan
         measures = np.full((plan.samples.runs, len(plan.checks)), np.nan)
         failures = [""] * plan.samples.runs
+        differences = np.full(plan.samples.runs, np.nan)
         for file in self.files():
-            table = _read(file, ["key", "failure", *(c.name for c in plan.checks)])
+            table = _read(file, ["key", "failure", "difference", *(c.name for c in plan.checks)])
             found = np.array([self._rows.get(key, -1) for key in table.column("key").to_pylist()], dtype=np.int64)
             values = np.column_stack([table.column(c.name).to_numpy() for c in plan.checks])
             measures[found[found >= 0]] = values[found >= 0]
+            differences[found[found >= 0]] = table.column("difference").to_numpy()[found >= 0]
             for k, reason in zip(found.tolist(), table.column("failure").to_pylist(), strict=True):
                 if k >= 0:
                     failures[k] = reason
@@ -174,6 +177,7 @@ class DataSet:
             inputs=plan.samples.values[numbers],
             measures=measures[same],
             failures=[failures[k] for k in same.tolist()],
+            differences=differences[same],
         )
 
     def __enter__(self) -> "DataSet":
@@ -207,6 +211,8 @@ def _table(plan: StudyPlan, answers: Sequence[Answer], numbers: NDArray[np.int64
         add(axis.name, plan.samples.values[numbers, k], pa.float64(), axis.unit)
     for k, check in enumerate(plan.checks):
         add(check.name, measures[:, k], pa.float64(), check.unit)
+    gaps = np.concatenate([a.differences if len(a.differences) else np.full(len(a.numbers), np.nan) for a in answers])
+    add("difference", gaps[order], pa.float64())
     add("failure", [failures[k] for k in order.tolist()], pa.string())
     add("key", [plan.keys[k] for k in numbers.tolist()], pa.binary(16))
     kept = [a.signals for a in answers if a.signals is not None]

@@ -23,6 +23,7 @@ from flexbeams.scenarios.studies.tasks import Answer, answer
 REQUEST_SECONDS = 1.0  # that a request takes, about
 MOST_RUNS = 512  # of a request
 QUEUED = 2  # requests for each worker
+AGREEMENT = 1e-9  # of the batch kernel with the units, relative
 ATTEMPTS = 2  # of a run whose process ends, before it counts as failed
 
 Open = Callable[[], AbstractContextManager[Executor]]
@@ -148,9 +149,17 @@ class StudyRun:
             pending.missing = done.missing
             self._submit(executor, pending, answered)
             return
+        self._require_agreement(done)
         self._pace.take(done)
         self.data.add(done)
         self._count()
+
+    def _require_agreement(self, done: Answer) -> None:
+        """FlexbeamsError where the batch kernel and the units disagree."""
+        for number, gap in zip(done.numbers.tolist(), done.differences.tolist(), strict=False):
+            if gap > AGREEMENT:
+                text = f"run {number}: the batch kernel and the units differ by {gap:.3g}, more than {AGREEMENT:g}"
+                raise FlexbeamsError(f"{text}; --no-batch runs all through the units")
 
     def _split(self) -> None:
         """Takes back what was under way when a worker ended: run by run, and a run that ends workers as failed."""

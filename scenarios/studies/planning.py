@@ -28,7 +28,7 @@ from flexbeams.scenarios.runs.requirements import require_measurable
 from flexbeams.scenarios.studies.axes import Axis, resolve_axes, with_option
 from flexbeams.scenarios.studies.sampling import SamplePlan, plan_samples
 
-RESERVED = ("run", "key", "failure")  # columns of a data set beside inputs and measures
+RESERVED = ("run", "key", "failure", "difference")  # columns of a data set beside inputs and measures
 
 Notify = Callable[[str], None]
 
@@ -45,6 +45,7 @@ class StudyPlan:
     checks: list[Check]  # the measures
     signals: tuple[str, ...]  # columns that are kept
     every: int  # steps between their rows
+    batch: bool = True  # through the batch kernel where that applies
 
     @property
     def source(self) -> str:
@@ -56,7 +57,13 @@ class StudyPlan:
         """Hash of all that results depend on beside the inputs."""
         runs = [self.prepared, *([self.prepared.open_loop] if self.prepared.open_loop else [])]
         parts = [_identity(run) for run in runs]
-        kept = [[asdict(c) for c in self.checks], list(self.signals), self.every, [a.name for a in self.axes]]
+        kept = [
+            [asdict(c) for c in self.checks],
+            list(self.signals),
+            self.every,
+            [a.name for a in self.axes],
+            self.batch,
+        ]
         return hashlib.sha256(json.dumps([parts, kept], sort_keys=True, default=str).encode()).hexdigest()[:32]
 
     @cached_property
@@ -121,6 +128,7 @@ def plan_study(
     runs: int | None = None,
     method: Method | None = None,
     seed: int | None = None,
+    batch: bool = True,
     notify: Notify = ignore_note,
 ) -> StudyPlan:
     """The plan of a study; `runs`, `method` and `seed` in place of the file's.
@@ -153,6 +161,7 @@ def plan_study(
         checks=checks,
         signals=signals,
         every=every,
+        batch=batch,
     )
 
 

@@ -22,9 +22,16 @@ def study_summary(plan: StudyPlan, results: Results) -> dict[str, Any]:
     return {
         **{key: value for key, value in plan.header().items() if key not in ("measures", "signals", "fingerprint")},
         "failed": len(failed),
+        "checked": _checked(results),
         "failures": [{"run": int(results.numbers[k]), "reason": results.failures[k]} for k in failed.tolist()],
         "measures": {c.name: _measure(plan, results, k) for k, c in enumerate(plan.checks)},
     }
+
+
+def _checked(results: Results) -> dict[str, Any]:
+    """How many runs of the batch kernel went through the units as well, and the largest relative difference."""
+    known = results.differences[np.isfinite(results.differences)]
+    return {"runs": len(known), "largest_difference": float(known.max()) if len(known) else None}
 
 
 def _measure(plan: StudyPlan, results: Results, column: int) -> dict[str, Any]:

@@ -24,8 +24,10 @@ from flexbeams.scenarios.definition.settings import StartValues
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.runs.prepare import PreparedRun
 from flexbeams.scenarios.runs.repeated import RepeatedRun
+from flexbeams.scenarios.simulation.batch_kernel import Batch
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.studies.axes import Target
+from flexbeams.scenarios.studies.batch import BatchPlan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,9 @@ class Assignment:
     source: str  # the study's file
     signals: tuple[str, ...]  # columns that are kept
     every: int  # how many steps apart
+    batch: BatchPlan | None = None  # the same runs through the batch kernel
+    libraries: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of the batch kernel by variant
+    checked: frozenset[int] = frozenset()  # runs that go through the units as well
 
     def starts(self, values: Array, instances: Sequence[str]) -> dict[str, StartValues]:
         """Start values by instance for the values of all axes."""
@@ -78,6 +83,7 @@ class Answer:
     measures: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (k, measures), NaN where a run failed
     failures: tuple[str, ...] = ()  # reasons, empty where a run is complete
     signals: Array | None = None  # (k, rows, columns)
+    differences: Array = field(default_factory=lambda: np.zeros(0))  # (k,) see `difference`, NaN of runs not checked
     seconds: float = 0.0  # CPU time of the thread
 
 
@@ -92,15 +98,23 @@ def answer(request: Request) -> Answer:
     if missing:
         return Answer(missing=missing)
     begin = thread_time()
-    runs = [_own_runs(request).result(values) for values in request.values]
+    runs = _own_runs(request).results(request.numbers, request.values)
     signals = [run.signals for run in runs if run.signals is not None]
     return Answer(
         numbers=request.numbers,
         measures=np.stack([run.measures for run in runs]),
         failures=tuple(run.failure for run in runs),
         signals=np.stack(signals) if signals else None,
+        differences=np.array([run.difference for run in runs]),
         seconds=thread_time() - begin,
     )
+
+
+def difference(measures: Array, others: Array) -> float:
+    """The largest difference of two sets of measures, relative to the larger of each pair; of two zeros 0."""
+    sizes = np.maximum(np.abs(measures), np.abs(others))
+    gaps = np.abs(measures - others)
+    return float(np.max(np.divide(gaps, sizes, out=np.zeros_like(gaps), where=sizes > 0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +122,7 @@ class _Result:
     measures: Array
     failure: str
     signals: Array | None
+    difference: float = np.nan
 
 
 class _Store:
@@ -163,11 +178,34 @@ class _Runs:
         compared = self._assignment.open_loop
         self._open_loop = None if compared is None else self._repeated(compared)
         self._compared: tuple[dict[str, StartValues], Recording] | None = None  # last run of the open loop
+        self._batch: Batch | None = None
+        if self._assignment.batch is not None:
+            libraries = {variant: _store.path(name) for variant, name in self._assignment.libraries.items()}
+            self._batch = Batch(self._assignment.batch.task, libraries)
 
     @staticmethod
     def _repeated(loop: Loop) -> RepeatedRun:
         files = {name: _store.path(unit) for name, unit in loop.units.items()}
         return RepeatedRun(loop.prepared, files, _store.path(loop.library) if loop.library else None)
+
+    def results(self, numbers: NDArray[np.int64], values: Array) -> list[_Result]:
+        """The runs of these numbers: through the batch kernel where that applies, else one by one."""
+        plan = self._assignment.batch
+        if plan is None or self._batch is None:
+            return [self.result(row) for row in values]
+        figures, covered = self._batch.run(plan.values(values))
+        measures = plan.measured(figures)
+        found = []
+        for number, row, own, is_covered in zip(numbers.tolist(), values, measures, covered.tolist(), strict=True):
+            if not is_covered or not np.all(np.isfinite(own)):
+                found.append(self.result(row))
+                continue
+            gap = np.nan
+            if number in self._assignment.checked:
+                other = self.result(row)
+                gap = np.inf if other.failure else difference(own, other.measures)
+            found.append(_Result(measures=own, failure="", signals=None, difference=gap))
+        return found
 
     def result(self, values: Array) -> _Result:
         """Measures of one run; its failure is one line."""
@@ -219,6 +257,8 @@ class _Runs:
     def close(self) -> None:
         """Frees the instances."""
         self._loop.close()
+        if self._batch is not None:
+            self._batch.close()
         if self._open_loop is not None:
             self._open_loop.close()
 
@@ -235,5 +275,6 @@ def reduced(prepared: PreparedRun, columns: Sequence[str]) -> PreparedRun:
             columns=[wiring.columns[k] for k in chosen],
             recorded=[wiring.recorded[k] for k in chosen],
             converted_columns=converted,
+            deflections=[],
         ),
     )

@@ -9,10 +9,8 @@
 
 #include "linear_algebra.h"
 #include "ranges.h"
-#include "vectors.h"
 #include "voltage_limits.h"
-
-#define DEPENDENT 1e-8 /* square of what is left of a unit vector that others imply */
+#include "windup.h"
 
 /* State, doubles as all of it: integral (voltages,) V; ticks run since the start; strain samples of each gauge that
    were left out in a row (gauges,); lowest and highest voltages in force (voltages,) each, V; ticks with a voltage held
@@ -218,50 +216,6 @@ static void follow_limits(UnitInstance *unit)
     }
 }
 
-/* Is a voltage beyond its limit, and its integral to grow further out? */
-static bool winds_up(double commanded, double lowest, double highest, double growth)
-{
-    return (commanded > highest && growth > 0.0) || (commanded < lowest && growth < 0.0);
-}
-
-/* The growth of the integral without what drives a voltage further into its limit: the nearest within the range of
-   G_0^+ that leaves the integrals of these voltages as they are. What left that range no deviation would ever take
-   back. The first voltage that winds up is held, then the first of those that still or now do. `scratch` (voltages, 1 +
-   voltages). */
-static void hold_windup(const TrackingControllerData *controller, const double *commanded, VoltageRange limits,
-                        double *growth, double *scratch)
-{
-    const size_t voltages = controller->voltages;
-    double *const held = scratch;
-    double *const directions = scratch + voltages; /* orthonormal, `count` of them */
-    size_t count = 0;
-    memset(held, 0, voltages * sizeof *held);
-    size_t k = 0;
-    while (k < voltages) {
-        if (held[k] != 0.0 || !winds_up(commanded[k], limits.lowest[k], limits.highest[k], growth[k])) {
-            k++;
-            continue;
-        }
-        double *const direction = directions + count * voltages;
-        memcpy(direction, controller->integral_range + k * voltages, voltages * sizeof *direction);
-        for (size_t i = 0; i < count; i++) {
-            const double *const other = directions + i * voltages;
-            vector_add_scaled(voltages, -vector_product(voltages, other, direction), other, direction);
-        }
-        const double square = vector_product(voltages, direction, direction);
-        if (square > DEPENDENT) {
-            vector_add_scaled(voltages, -vector_product(voltages, direction, growth) / square, direction, growth);
-            const double length = sqrt(square);
-            for (size_t j = 0; j < voltages; j++)
-                direction[j] /= length;
-            count++;
-        }
-        growth[k] = 0.0;
-        held[k] = 1.0;
-        k = 0;
-    }
-}
-
 /* u = u_ff + K (x_ref - x_est) + integral; the integral grows by k_I G_0^+ of the estimated deviation, but not further
    into a limit. (45) needs the pseudo-inverse: the DC gain is negative, a positive scalar would destabilise. */
 static void regulate(UnitInstance *unit)
@@ -290,7 +244,7 @@ static void regulate(UnitInstance *unit)
     }
     write_commands(unit, commanded);
     if (unit->values[controller->saturated] != 0.0)
-        hold_windup(controller, commanded, limits_in_force(unit), growth, growth + voltages);
+        hold_windup(voltages, controller->integral_range, commanded, limits_in_force(unit), growth, growth + voltages);
     for (size_t k = 0; k < voltages; k++)
         integral[k] += growth[k];
 }

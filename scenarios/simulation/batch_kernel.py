@@ -1,0 +1,228 @@
+"""Many plants under one controller, side by side: the loop in C (native/batch.c) for samples that differ in the plant.
+
+The library is compiled twice, for any processor and for those with the instructions of x86-64-v3; both give the same
+bits. The quicker one that this machine can run is taken.
+"""
+
+import ctypes
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexbeams.fmus.packaging.cache import is_sound, keep, prepare_cache, toolchain_key
+from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
+from flexbeams.fmus.units.native_kernel import NATIVE as UNITS
+from flexbeams.plant.basis import Array
+from flexbeams.plant.errors import FlexbeamsError
+from flexbeams.plant.temporary import temporary_folder
+
+_NATIVE = Path(__file__).parent / "native"
+_SOURCES = (
+    *(_NATIVE / name for name in ("batch.c", "batch_kernel.c")),
+    *(
+        UNITS / "numerics" / f"{name}.c"
+        for name in (
+            "eigenvectors",
+            "exact_hold",
+            "linear_algebra",
+            "modal",
+            "modal_build",
+            "normal_number",
+            "schur",
+        )
+    ),
+    *(UNITS / "units" / f"{name}.c" for name in ("plant_matrices", "unit", "format_line", "windup")),
+)
+_INCLUDES = (_NATIVE, UNITS, UNITS / "numerics", UNITS / "units")
+VARIANTS = {"baseline": "", "v3": "x86-64-v3"}  # processor that each is compiled for; the first one runs anywhere
+FIGURES = 6  # of a measured element, see batch.h
+SMALLEST, LARGEST, FIRST, LAST, CHANGE, OUT = range(FIGURES)
+_POINTER, _INTEGER, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+_PLANT_SIZES = ("coordinates", "patches", "beams", "points", "gauges", "value_count")
+
+
+class _Plant(ctypes.Structure):
+    _fields_ = [
+        *((name, _INTEGER) for name in _PLANT_SIZES),
+        ("parameter_count", _INTEGER),
+        ("parameters", _POINTER),
+        ("term_count", _INTEGER),
+        ("terms", _POINTER),
+        ("blocks", _POINTER),
+        ("tips", _POINTER),
+        ("outputs", _POINTER),
+        ("start_at_rest_under", _INTEGER),
+        ("strain_noise_std", _INTEGER),
+        ("noise_seed", _INTEGER),
+    ]
+
+
+class _Controller(ctypes.Structure):
+    _fields_ = [
+        ("states", _INTEGER),
+        ("reduced_states", _INTEGER),
+        ("filter", _POINTER),
+        ("regulator", _POINTER),
+        ("integral_gain", _REAL),
+        ("strain_limit", _REAL),
+        ("integral_range", _POINTER),
+        ("lowest", _POINTER),
+        ("highest", _POINTER),
+    ]
+
+
+class _Task(ctypes.Structure):
+    _fields_ = [
+        ("plant", _Plant),
+        ("controller", _Controller),
+        ("step", _REAL),
+        ("steps", _INTEGER),
+        ("x_ref", _POINTER),
+        ("u_ff", _POINTER),
+        ("force", _POINTER),
+        ("measure_count", _INTEGER),
+        ("measures", _POINTER),
+        ("bands", _POINTER),
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchTask:
+    """A loop of plant and controller as the library takes it; arrays row by row, integers of 64 bits."""
+
+    plant: Mapping[str, Any]  # fields of BatchPlant in batch.h but counts
+    controller: Mapping[str, Any]  # fields of BatchController
+    step: float  # s
+    steps: int
+    x_ref: Array  # (steps + 1, reduced states)
+    u_ff: Array  # (steps + 1, patches)
+    force: Array | None  # (steps + 1, beams)
+    measures: NDArray[np.int64]  # (elements, 6)
+    bands: Array  # (elements, 2)
+
+
+class Batch:
+    """A loaded library with a task; a context manager that frees it."""
+
+    def __init__(self, task: BatchTask, libraries: Mapping[str, Path]) -> None:
+        """`libraries` by variant. Raises FlexbeamsError where the controller has no form for this loop."""
+        self._library = _loaded(libraries)
+        self._kept: list[Any] = []  # that the C structures point to
+        self._width = int(task.plant["value_count"])
+        self._measures = len(task.measures)
+        self._task = self._structure(task)
+        self._batch: int | None = self._library.batch_open(ctypes.byref(self._task))
+        if self._batch is None:
+            raise FlexbeamsError("the filter has no modal form, or there is not enough memory")
+
+    def run(self, values: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Figures (samples, elements, FIGURES) for values (samples, value_count) of the plant's variables.
+
+        Also which samples are within what the loop covers; figures of others are 0.
+        """
+        values = np.ascontiguousarray(values, dtype=np.float64)
+        figures = np.empty((len(values), self._measures, FIGURES))
+        outcomes = np.empty(len(values), np.int32)
+        self._library.batch_run(self._batch, len(values), values.ctypes.data, figures.ctypes.data, outcomes.ctypes.data)
+        return figures, outcomes == 0
+
+    def close(self) -> None:
+        """Frees the library's memory."""
+        if self._batch is not None:
+            self._library.batch_close(self._batch)
+            self._batch = None
+
+    def __enter__(self) -> "Batch":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _structure(self, task: BatchTask) -> _Task:
+        plant, controller = task.plant, task.controller
+        return _Task(
+            plant=_Plant(
+                **{name: plant[name] for name in (*_PLANT_SIZES, "start_at_rest_under")},
+                strain_noise_std=plant["strain_noise_std"],
+                noise_seed=plant["noise_seed"],
+                parameter_count=len(plant["parameters"]),
+                parameters=self._integers(plant["parameters"]),
+                term_count=len(plant["terms"]),
+                terms=self._integers(plant["terms"]),
+                **{name: self._reals(plant[name]) for name in ("blocks", "tips", "outputs")},
+            ),
+            controller=_Controller(
+                **{name: controller[name] for name in ("states", "reduced_states", "integral_gain", "strain_limit")},
+                **{
+                    name: self._reals(controller[name])
+                    for name in ("filter", "regulator", "integral_range", "lowest", "highest")
+                },
+            ),
+            step=task.step,
+            steps=task.steps,
+            x_ref=self._reals(task.x_ref),
+            u_ff=self._reals(task.u_ff),
+            force=None if task.force is None else self._reals(task.force),
+            measure_count=len(task.measures),
+            measures=self._integers(task.measures),
+            bands=self._reals(task.bands),
+        )
+
+    def _reals(self, values: Any) -> int:
+        return self._kept_address(np.ascontiguousarray(values, dtype=np.float64))
+
+    def _integers(self, values: Any) -> int:
+        return self._kept_address(np.ascontiguousarray(values, dtype=np.int64))
+
+    def _kept_address(self, array: NDArray[Any]) -> int:
+        self._kept.append(array)
+        return int(array.ctypes.data)
+
+
+def _loaded(libraries: Mapping[str, Path]) -> Any:
+    """The library of the last variant that this machine can run."""
+    first, *others = (ctypes.CDLL(str(libraries["baseline"])), *(n for n in libraries if n != "baseline"))
+    first.batch_has_v3.restype = ctypes.c_int
+    library: Any = first
+    if others and first.batch_has_v3():
+        library = ctypes.CDLL(str(libraries[others[-1]]))
+    library.batch_open.restype = ctypes.c_void_p
+    library.batch_close.argtypes = (ctypes.c_void_p,)
+    library.batch_close.restype = None
+    library.batch_run.argtypes = (ctypes.c_void_p, ctypes.c_size_t, *([ctypes.c_void_p] * 3))
+    library.batch_run.restype = None
+    return library
+
+
+def batch_libraries(folder: Path, compiler: str) -> dict[str, Path]:
+    """The compiled library by variant, kept in the cache `folder` as stepper_library's.
+
+    Raises BuildError, and InputError for a cache that cannot be trusted.
+    """
+    platform = host_platform()
+    headers = sorted({header for place in _INCLUDES for header in place.glob("*.h")})
+    content = b"".join(file.read_bytes() for file in (*_SOURCES, *headers)) + toolchain_key(compiler).encode()
+    found = {}
+    prepare_cache(folder)
+    for name in _variants(platform.name):
+        digest = hashlib.sha256(content + VARIANTS[name].encode()).hexdigest()[:16]
+        library = found[name] = folder / f"batch-{name}-{digest}{platform.suffix}"
+        if not is_sound(library, folder):
+            with temporary_folder() as temporary:
+                built = temporary / f"batch{platform.suffix}"
+                tool = find_compiler(compiler)
+                tool.build(built, _SOURCES, _INCLUDES, platform, processor=VARIANTS[name])
+                keep(library, built.read_bytes(), folder)
+    return found
+
+
+def _variants(platform: str) -> Sequence[str]:
+    return list(VARIANTS) if platform.startswith("x86_64") else ["baseline"]
