@@ -1,13 +1,21 @@
 """Comparison of finished runs."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
 from flexbeams.scenarios.results.compare import Comparison as ComparedRuns
 from flexbeams.scenarios.results.compare import compare as read_runs
-from flexbeams.scenarios.results.differences import SignalDifference, setting_differences, signal_differences
+from flexbeams.scenarios.results.differences import (
+    ComparedSpan,
+    SignalDifference,
+    compared_spans,
+    setting_differences,
+    signal_differences,
+    within,
+)
+from flexbeams.scenarios.runs.observer import ignore_note
 from flexbeams.scenarios.runs.run_view import RunView, framed
 
 
@@ -29,14 +37,22 @@ class Comparison(ComparedRuns):
         return signal_differences(self)
 
     @cached_property
+    def spans(self) -> list[ComparedSpan]:
+        """The times at which each further run is compared with the first."""
+        return compared_spans(self)
+
+    @cached_property
     def settings(self) -> dict[str, list[str]]:
         """Settings that are not equal in all runs, each with its value in every run."""
         return dict(setting_differences(self))
 
     @property
     def holds(self) -> bool:
-        """Whether no signal differs by more than the tolerance; True without one."""
-        return self.tolerance is None or all(d.relative <= self.tolerance for d in self.differences)
+        """Whether no signal differs by more than the tolerance, over half of the longer run at least.
+
+        True without a tolerance.
+        """
+        return within(self.tolerance, self.differences, self.spans)
 
     def __repr__(self) -> str:
         labels = " and ".join(run.label for run in self.runs)
@@ -57,6 +73,7 @@ def compare(
     tolerance: float | None = None,
     names: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
+    notify: Callable[[str], None] = ignore_note,
 ) -> Comparison:
     """Compares the checks, metrics and signals of finished runs and of recordings of other tools.
 
@@ -71,6 +88,8 @@ def compare(
         Signals or arrays of such files, and what they are called in a run: {"y": "plant.y_pi"}.
     units
         Units of measurement of columns of such files that are not SI: {"y": "mm"}.
+    notify
+        Called with notes, such as the names of columns that are no numbers.
 
     Raises
     ------
@@ -85,5 +104,5 @@ def compare(
     >>> comparison.holds, comparison.settings
     (False, {'coupling': ['jacobi', 'gauss-seidel']})
     """
-    read = read_runs([r.as_finished() if isinstance(r, RunView) else Path(r) for r in runs], names, units)
+    read = read_runs([r.as_finished() if isinstance(r, RunView) else Path(r) for r in runs], names, units, notify)
     return Comparison(**{f.name: getattr(read, f.name) for f in fields(read)}, tolerance=tolerance)

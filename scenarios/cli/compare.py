@@ -3,10 +3,16 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from flexbeams.scenarios.cli.options import POSITIVE, note, say
+
+if TYPE_CHECKING:
+    from flexbeams.scenarios.api.comparisons import Comparison
+
+WHOLE = 0.99  # of the longer recording; less is noted
 
 
 def _pairs(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, str]:
@@ -42,7 +48,8 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: Sequence[
     "--tolerance",
     type=POSITIVE,
     metavar="X",
-    help="Exit status 1 where a signal differs by more than X of its largest value in the first run.",
+    help="Exit status 1 where a signal differs by more than X of its largest value in the first run, or less than half "
+    "of the longer recording is compared.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Differences as JSON; writes no page.")
 @click.option(
@@ -67,38 +74,37 @@ def compare(
     """
     from flexbeams.scenarios.api.comparisons import compare as read_runs
     from flexbeams.scenarios.cli.comparison_tables import show_comparison, show_differences
-    from flexbeams.scenarios.results.differences import setting_differences, signal_differences
-    from flexbeams.scenarios.results.files import json_values
 
-    comparison = read_runs(*runs, names=names, units=units)
+    comparison = read_runs(*runs, names=names, units=units, tolerance=tolerance, notify=note)
     if comparison.left_out:
         note(f"not in every run, left out: {', '.join(comparison.left_out)}")
-    settings, signals = setting_differences(comparison), signal_differences(comparison)
-    holds = tolerance is None or all(d.relative <= tolerance for d in signals)
+    for span in comparison.spans:
+        if span.share < WHOLE:
+            note(f"{span.run}: only {100 * span.share:.3g} % of the longer recording is compared, {span.text}")
     if as_json:
-        labels = [run.label for run in comparison.runs]
-        click.echo(
-            json.dumps(
-                json_values(
-                    {
-                        "runs": labels,
-                        "settings": {name: dict(zip(labels, cells, strict=True)) for name, cells in settings},
-                        "signals": [d.record() for d in signals],
-                        "left_out": comparison.left_out,
-                        "tolerance": tolerance,
-                        "holds": holds,
-                    }
-                ),
-                indent=2,
-                allow_nan=False,
-            )
-        )
-        return 0 if holds else 1
+        click.echo(_as_json(comparison))
+        return 0 if comparison.holds else 1
     from flexbeams.scenarios.report.comparison import write_comparison
 
     written = write_comparison(comparison, out)
-    show_differences(comparison, settings, signals, tolerance)
+    show_differences(comparison)
     show_comparison(comparison)
     for path in written:
         say(path)
-    return 0 if holds else 1
+    return 0 if comparison.holds else 1
+
+
+def _as_json(comparison: "Comparison") -> str:
+    from flexbeams.scenarios.results.files import json_values
+
+    labels = [run.label for run in comparison.runs]
+    record = {
+        "runs": labels,
+        "settings": {name: dict(zip(labels, cells, strict=True)) for name, cells in comparison.settings.items()},
+        "spans": [span.record() for span in comparison.spans],
+        "signals": [difference.record() for difference in comparison.differences],
+        "left_out": comparison.left_out,
+        "tolerance": comparison.tolerance,
+        "holds": comparison.holds,
+    }
+    return json.dumps(json_values(record), indent=2, allow_nan=False)

@@ -1,7 +1,7 @@
 """Units of measurement as FMI and SSP define them, and the conversion of a value from one to another."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from flexbeams.fmus.interface.si import SI_UNITS
@@ -42,6 +42,26 @@ class Conversion:
 
 IDENTITY = Conversion(factor=1.0, offset=0.0)
 OWN_DIMENSIONS = {name: Dimension.of_base(base) for name, base in SI_UNITS.items()}
+_MULTIPLES = {  # units that recordings of other tools are in, with their size in an SI unit
+    "s": {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
+    "m": {"km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9},
+    "1": {"m/m": 1.0, "mm/m": 1e-3, "um/m": 1e-6, "µm/m": 1e-6, "μm/m": 1e-6, "%": 1e-2},
+    "V": {"kV": 1e3, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6, "μV": 1e-6},
+    "N": {"kN": 1e3, "mN": 1e-3},
+    "kg": {"g": 1e-3, "t": 1e3},
+    "Pa": {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
+    "J": {"kJ": 1e3, "mJ": 1e-3},
+    "Hz": {"kHz": 1e3},
+    "m/s": {"mm/s": 1e-3},
+}
+KNOWN_DIMENSIONS = OWN_DIMENSIONS | {
+    name: replace(OWN_DIMENSIONS[si], factor=size) for si, sizes in _MULTIPLES.items() for name, size in sizes.items()
+}
+
+
+def si_unit(name: str) -> str:
+    """The SI unit of the quantity that a unit of KNOWN_DIMENSIONS measures."""
+    return next((si for si, sizes in _MULTIPLES.items() if name in sizes), name)
 
 
 def declared_dimensions(description: Any) -> dict[str, Dimension]:

@@ -1,13 +1,14 @@
 """Finished runs side by side: their common signals, checks and metrics."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import by_index
+from flexbeams.scenarios.definition.dimensions import KNOWN_DIMENSIONS, conversion
 from flexbeams.scenarios.results.curves import array_name, display_unit
 from flexbeams.scenarios.results.display import number, verdict
 from flexbeams.scenarios.results.files import read_results
@@ -39,11 +40,15 @@ class Comparison:
 
 
 def compare(
-    runs: Sequence[Path | FinishedRun], names: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
+    runs: Sequence[Path | FinishedRun],
+    names: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Comparison:
     """At least two runs, folders of results or files of other tools, which are read; the first is the reference.
 
-    `names` and `units` are for files, see read_recording. Raises InputError for what cannot be read, and for runs
+    `names` and `units` are for files, see read_recording. Signals whose units of measurement are known are converted to
+    those of the first run, with a note. Raises InputError for what cannot be read, and for runs
     without a common signal.
     """
     if len(runs) < 2:
@@ -62,8 +67,9 @@ def compare(
             read.append(replace(given, label=label if labels.count(label) == 1 else f"{label} ({k})"))
         else:
             own = label if labels.count(label) == 1 else str(given)
-            read.append(_read(given, own, names or {}, units or {}))
+            read.append(_read(given, own, names or {}, units or {}, notify))
     read = [_with_names_of(run, read) for run in read]
+    read = [read[0], *(_in_units_of(read[0], run, notify) for run in read[1:])]
     columns = [run.recording.columns for run in read]
     signals = [name for name in columns[0] if all(name in c for c in columns)]
     if not signals:
@@ -84,13 +90,41 @@ def _with_names_of(run: FinishedRun, runs: list[FinishedRun]) -> FinishedRun:
         ends = [] if name in known else [k for k in known if k.partition(".")[2] == name]
         return ends[0] if len(ends) == 1 else name
 
-    return replace(run, recording=replace(run.recording, columns=[full(n) for n in run.recording.columns]))
+    own = run.recording
+    renamed = replace(
+        own, columns=[full(n) for n in own.columns], units={full(name): unit for name, unit in own.units.items()}
+    )
+    return replace(run, recording=renamed)
 
 
-def _read(path: Path, label: str, names: Mapping[str, str], units: Mapping[str, str]) -> FinishedRun:
+def _in_units_of(first: FinishedRun, run: FinishedRun, notify: Callable[[str], None]) -> FinishedRun:
+    """A run whose signals are in the units of measurement of the first one, where both are known.
+
+    Signals without a known unit are taken to be in that of the first run.
+    """
+    recording, known = run.recording, first.recording.units
+    values = recording.values
+    for k, name in enumerate(recording.columns):
+        one, other = recording.units.get(name, ""), known.get(name, "")
+        if name not in first.recording.columns or one == other:
+            continue
+        found = conversion(one, other, KNOWN_DIMENSIONS, KNOWN_DIMENSIONS)
+        if isinstance(found, str):
+            raise InputError("RUN", f"must have comparable signals, {found}: {name} of {run.label} and {first.label}")
+        if not found.trivial:
+            values = values.copy() if values is recording.values else values
+            values[:, k] = values[:, k] * found.factor + found.offset
+            notify(f"{run.label}: {name} is converted from {one} to {other}")
+    units = {**recording.units, **{name: unit for name, unit in known.items() if name in recording.columns}}
+    return replace(run, recording=replace(recording, values=values, units=units))
+
+
+def _read(
+    path: Path, label: str, names: Mapping[str, str], units: Mapping[str, str], notify: Callable[[str], None]
+) -> FinishedRun:
     if path.is_dir() or not path.suffix:
         return read_folder(path, label)
-    return FinishedRun(label=label, folder=path, summary={}, recording=read_recording(path, names, units))
+    return FinishedRun(label=label, folder=path, summary={}, recording=read_recording(path, names, units, notify))
 
 
 def read_folder(folder: Path, label: str) -> FinishedRun:

@@ -108,7 +108,7 @@ def test_what_is_common_is_compared(tmp_path: Path, capsys: pytest.CaptureFixtur
     )
     shown = capsys.readouterr()
     assert "not in every run, left out: plant.y_pi, plant.u" in shown.err
-    assert "all signals are equal (101 common times)" in shown.out
+    assert "all signals are equal (101 common times, 0 to 1 s)" in shown.out
     page = (tmp_path / "out/compare.html").read_text()
     assert "Difference of other from first" in page
     assert "Difference of third from first" in page
@@ -124,6 +124,121 @@ def test_tolerance_decides_the_status(tmp_path: Path, capsys: pytest.CaptureFixt
         assert figures["runs"] == ["a", "b"]
         assert [s["relative"] for s in figures["signals"]] == pytest.approx([1e-6, 1e-6, 1e-6])
     assert not (tmp_path / "out").exists()
+
+
+def with_units(path: Path, scale: float = 1.0, **units: str) -> Path:
+    """A run whose signals declare units of measurement."""
+    named = [f"plant.{name}" for name in units]
+    values = scale * VALUES[:, : len(named)]
+    recording = Recording(time=TIME, columns=named, values=values, wall_seconds=1.0)
+    signals = {n: {"unit": u, "description": ""} for n, u in zip(named, units.values(), strict=True)}
+    write_results(path, recording, {**SUMMARY, "signals": signals})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "share", "noted", "holds"),
+    [
+        (0.0, 0.1, 0.1, True, False),  # a sliver
+        (0.9, 1.9, 0.1, True, False),  # of two that are both long
+        (0.0, 0.49, 0.49, True, False),
+        (0.0, 0.5, 0.5, True, True),
+        (0.25, 0.98, 0.73, True, True),
+        (0.0, 0.99, 0.99, False, True),
+        (0.0, 1.0, 1.0, False, True),
+        (0.0, 2.0, 0.5, True, True),  # of the longer one
+        (0.0, 2.1, 1 / 2.1, True, False),
+    ],
+)
+def test_the_compared_span_is_told_and_judged(
+    begin: float, end: float, share: float, noted: bool, holds: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = run_folder_of(tmp_path / "run")
+    time = np.arange(round(begin * 100), round(end * 100) + 1) * 1e-2
+    file = csv_file(tmp_path / "a.csv", "time,u[1]", time, 100 * time)
+    arguments = ["compare", str(run), str(file), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--json", "--tolerance", "1e-9"]) == (0 if holds else 1)
+    shown = capsys.readouterr()
+    figures = json.loads(shown.out)
+    [span] = figures["spans"]
+    last = min(end, 1.0)
+    assert (span["run"], span["begin"], span["end"]) == ("a.csv", pytest.approx(begin), pytest.approx(last))
+    assert span["share"] == pytest.approx(share)
+    assert figures["holds"] is holds
+    text = f"a.csv: only {100 * share:.3g} % of the longer recording is compared, {begin:g} to {last:g} s"
+    assert (text in shown.err) is noted
+    assert main(arguments) == 0  # without a verdict
+    shown = capsys.readouterr()
+    assert f"common times, {begin:g} to {last:g} s" in shown.out
+    assert (text in shown.err) is noted
+
+
+def test_units_of_measurement_of_runs_and_files_are_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Converted to those of the first run with a note, or refused; --unit is one of the signal's quantity."""
+    first = with_units(tmp_path / "first", x="mm", z="degC")
+    notes: list[str] = []
+    other = with_units(tmp_path / "other", 1e-3, x="m")
+    [difference] = signal_differences(compare([first, other], notify=notes.append))
+    assert difference.relative < 1e-14
+    assert notes == ["other: plant.x is converted from m to mm"]
+    file = csv_file(tmp_path / "a.csv", "time,x,z", TIME, VALUES[:, 0] * 1e3, VALUES[:, 1])
+    found = signal_differences(compare([first, file], units={"x": "µm"}))
+    assert all(d.relative < 1e-14 for d in found)
+    with pytest.raises(
+        InputError, match=r"units 's' and 'mm' are of different quantities: plant\.x of a\.csv and first"
+    ):
+        compare([first, file], units={"x": "ms"})
+    with pytest.raises(InputError, match="--unit of time must be one of time, such as ms, got 'mm'"):
+        compare([first, file], units={"time": "mm"})
+    kelvin = with_units(tmp_path / "kelvin", z="K")
+    with pytest.raises(InputError, match=r"'degC' cannot be compared, 'K' has no definition: plant\.z of kelvin"):
+        compare([first, kelvin])
+    assert main(["compare", str(first), str(other), "--json"]) == 0
+    assert "other: plant.x is converted from m to mm" in capsys.readouterr().err
+
+
+def test_a_row_of_units_is_read(tmp_path: Path) -> None:
+    run = with_units(tmp_path / "run", x="mm")
+    rows = [f"{1e3 * t!r},{1e-3 * x!r}" for t, x in zip(TIME.tolist(), VALUES[:, 0].tolist(), strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(["time,plant.x", "ms,m", *rows]) + "\n")
+    [difference] = signal_differences(compare([run, tmp_path / "a.csv"]))
+    assert difference.relative < 1e-14
+    assert difference.rows == 101
+
+
+def test_columns_that_are_no_numbers_are_named(tmp_path: Path) -> None:
+    """In every format; true and false are numbers."""
+    flags = TIME > 0.5
+    kinds = ["csv", "mat"]
+    lines = [f"{t!r},{str(b).lower()},on" for t, b in zip(TIME.tolist(), flags.tolist(), strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(["time,flag,mode", *lines]) + "\n")
+    from scipy.io import savemat
+
+    mode = np.array(["on"] * len(TIME), dtype=object)
+    savemat(tmp_path / "a.mat", {"time": TIME, "flag": flags, "mode": mode, "short": TIME[:5], "s": {"c": TIME * 1j}})
+    if importlib.util.find_spec("pyarrow"):
+        import pyarrow
+        import pyarrow.parquet
+
+        columns = {"time": TIME, "flag": flags, "mode": ["on"] * len(TIME)}
+        pyarrow.parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+        kinds.append("parquet")
+    if importlib.util.find_spec("asammdf"):
+        from asammdf import MDF, Signal
+
+        with MDF(version="4.10") as file:
+            file.append([Signal(flags.astype(np.uint8), TIME, name="flag", unit="1")])
+            file.append([Signal(TIME[::10], TIME[::10], name="mode")])
+            file.save(tmp_path / "a.mf4")
+        kinds.append("mf4")
+    for kind in kinds:
+        notes: list[str] = []
+        read = read_recording(tmp_path / f"a.{kind}", {}, {}, notes.append)
+        assert (read.columns, read.values[:, 0].tolist()) == (["flag"], flags.astype(float).tolist())
+        names = "mode, short, s.c" if kind == "mat" else "mode"
+        assert notes == [f"{tmp_path}/a.{kind}: not read, since no numbers over the time: {names}"]
 
 
 def refuse(name: str) -> float:
