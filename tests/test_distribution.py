@@ -1,5 +1,6 @@
 """The distribution: one import package, nothing beside it, installed in any way, and light to import."""
 
+import ast
 import hashlib
 import json
 import os
@@ -206,3 +207,92 @@ def test_the_package_is_light_to_import() -> None:
     assert not [name for name in added if name.startswith("flexbeams.")]
     version = run(sys.executable, "-c", "import flexbeams; print(flexbeams.__version__)", **python_environment())
     assert version.strip()[0].isdigit()
+
+
+EVERY_VERB = """
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+PLANT = 'title = "voltage"\\nstructure = "single_beam"\\nstop_time = 2.5\\n[instance.plant]\\nunit = "BeamPlant"\\n'
+STEP = PLANT + '[[input]]\\nto = "plant.u"\\nstep = { time = 0.1, value = 300.0 }\\n'
+BLOW = PLANT.replace("2.5", "0.5") + '''[instance.controller]
+unit = "TrackingController"
+[[connection]]
+from = "controller.u"
+to = "plant.u"
+[[connection]]
+from = "plant.y_pm"
+to = "controller.y_pm"
+[[input]]
+to = "plant.force[1]"
+pulse = { time = 0.1, duration = 5e-3, impulse = 0.01 }
+'''
+FORMATS = ",".join(["csv", "mat"] + [f for f, m in (("parquet", "pyarrow"), ("mf4", "asammdf")) if find_spec(m)])
+CONTAINERS = ["container"] if find_spec("fmu_manipulation_toolbox") else []
+SHORT = ["single_beam", "--stop-time", "0.5"]
+PLAIN = ["--no-report", "--no-figures"]
+EXPORTS = {"ssp": "loop.ssp", "ospsystem": "osp", "closed-loop": "loop.fmu", "container": "container.fmu"}
+KNOWN = ["--known", "beam[1].density=7850", "--free", "beam[1].youngs_modulus"]
+CALLS = [
+    ["list"],
+    ["show", "single_beam"],
+    ["schema", "scenario"],
+    ["new", "structure", "beam"],
+    ["new", "scenario", "own"],
+    ["new", "study", "many"],
+    ["design", "--structure", "beam.toml", "--report", "design.html"],
+    ["build", "BeamPlant", "--structure", "single_beam", "--backend", "all", "--out", "units"],
+    ["run", *SHORT, "--out", "run", "--format", FORMATS],
+    ["run", *SHORT, "--out", "other", "--coupling", "gauss-seidel", "--backend", "python", *PLAIN],
+    ["compare", "run", "other/results.csv", "run/results.mat", "--out", "compared"],
+    *[["export", *SHORT, "--format", f, "-o", EXPORTS[f]] for f in ("ssp", "ospsystem", "closed-loop", *CONTAINERS)],
+    ["export", *SHORT, "--format", "wiring", "--wiring", "dymola", "-o", "wired"],
+    ["run", "loop.ssp", "--out", "packaged"],
+    ["validate", "loop.ssp", "loop.fmu", "units/native/BeamPlant.fmu"],
+    ["run", "plant.toml", "--decimate", "25", "--out", "data", *PLAIN],
+    ["identify", "data/results.csv", "--structure", "beam.toml", *KNOWN, "--out", "result.toml"],
+    ["identify", "static", "data/results.csv", "--structure", "single_beam", "--out", "maps.csv"],
+    ["tune", "blow.toml", "--out", "tuned", "--evaluations", "1", "--plants", "1"],
+    ["study", "many.toml", "--runs", "2", "--jobs", "1"],
+    ["bench", "--help"],  # compiles for a minute
+    ["cache"],
+]
+if __name__ == "__main__":
+    from flexbeams.scenarios.cli.main import commands, main
+
+    Path("plant.toml").write_text(STEP)
+    Path("blow.toml").write_text(BLOW)
+    for call in CALLS:
+        print("+", *call, flush=True)
+        assert main(call) == 0, call
+    assert {call[0] for call in CALLS} == set(commands.commands)
+    own = [m for n, m in sys.modules.items() if n.split(".")[0] == "flexbeams"]
+    assert all(Path(str(m.__file__)).is_relative_to(sys.prefix) for m in own), own
+"""
+
+
+@pytest.mark.native
+@pytest.mark.timeout(600)
+def test_every_verb_and_format_works_from_a_wheel(wheel: Path, environment: Environment, tmp_path: Path) -> None:
+    """Without a checkout, in a folder that holds nothing else."""
+    environment.pip("install", "--no-deps", "--no-index", wheel)
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "verbs.py").write_text(EVERY_VERB, encoding="utf-8")
+    environment.run("verbs.py", cwd=folder, FLEXBEAMS_CACHE=str(tmp_path / "cache"), OPENBLAS_NUM_THREADS="1")
+    written = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    assert {"run/results.mat", "run/report.html", "packaged/signals.png", "compared/compare.html"} <= written
+    assert {"design.html", "tuned/tune.html", "identify.html", "maps.csv", "loop.fmu"} <= written
+
+
+def test_older_versions_of_python_get_one_line() -> None:
+    """Both modules that such a version reads are of its grammar; nothing else is imported."""
+    for name in ("__init__", "__main__"):
+        ast.parse((ROOT / f"flexbeams/{name}.py").read_text(encoding="utf-8"), feature_version=(3, 7))
+    code = (
+        "import sys; sys.version_info = (3, 10, 14, 'final', 0); from flexbeams.__main__ import main; sys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=python_environment(), capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "flexbeams: needs Python 3.11 or newer, this is 3.10\n"

@@ -1,6 +1,6 @@
 """Wiring of an exported scenario for tools that do not read SSP, beside the units in one folder.
 
-Written from the tools' public documents and projects; none of these tools was at hand.
+Written from the tools' public documents and projects; not tried in these tools.
 """
 
 import json

@@ -39,7 +39,7 @@ class SspFolder:
         version = root.get("version", "1.0")
         if version not in VERSIONS:
             raise InputError(where, f"must be of SSP {' or '.join(VERSIONS)}, its version", version, source=self.source)
-        root.set("version", "1.0")  # the schema at hand; namespaces and content of 1.0 are those of 2.0
+        root.set("version", "1.0")  # of the schema here; namespaces and content of 1.0 are those of 2.0
         if problems := schema_problems(root, namespace):
             raise InputError(where, f"must be valid by the schema of SSP 1.0: {problems[0]}", source=self.source)
 

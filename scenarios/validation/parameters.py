@@ -7,7 +7,7 @@ from typing import Any
 
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.scenarios.definition.declaration import is_settable
-from flexbeams.scenarios.definition.dimensions import IDENTITY, Dimension, conversion
+from flexbeams.scenarios.definition.dimensions import IDENTITY, Conversion, Dimension, conversion
 from flexbeams.scenarios.definition.values import TypedValue, require_bounds, value_of_text
 from flexbeams.scenarios.importing.package import Component, Parameter
 
@@ -39,9 +39,13 @@ def parameter_values(
             found.notes.append(f"{name} is ignored, it is not a variable of its FMU{hint}")
             continue
         try:
-            found.values[parameter.name] = _value(parameter, variable, dimensions, of_unit, found.notes, name)
+            units = _units_conversion(parameter, variable, {**of_unit, **dimensions}, of_unit)
+            found.values[parameter.name] = _value(parameter, variable, units)
         except InputError as error:
             found.problems.append(f"{name} {error}")
+            continue
+        if not units.trivial:
+            found.notes.append(f"{name} is converted from {parameter.unit} to {variable.unit}")
     for variable_name, value in found.values.items():
         own = variables[variable_name].start
         if own is not None and value != value_of_text(variables[variable_name], own):
@@ -50,15 +54,24 @@ def parameter_values(
     return found
 
 
-def _value(
-    parameter: Parameter,
-    variable: Any,
-    dimensions: Mapping[str, Dimension],
-    of_unit: Mapping[str, Dimension],
-    notes: list[str],
-    name: str,
-) -> TypedValue:
-    """The value in the variable's type and unit of measurement; InputError without a key where it does not fit."""
+def _units_conversion(
+    parameter: Parameter, variable: Any, dimensions: Mapping[str, Dimension], of_unit: Mapping[str, Dimension]
+) -> Conversion:
+    """Between the units of measurement of a parameter and its variable; InputError where there is none."""
+    if variable.type != "Real" or not parameter.converted:
+        return IDENTITY
+    found = conversion(parameter.unit, variable.unit or "", dimensions, of_unit)
+    if isinstance(found, str):
+        units = f"has the unit {parameter.unit!r} in the parameter set and {variable.unit or ''!r} in its FMU"
+        raise InputError("", units)
+    return found
+
+
+def _value(parameter: Parameter, variable: Any, units: Conversion) -> TypedValue:
+    """The value in the variable's type, converted by `units`, then by the transformation of a mapping.
+
+    InputError without a key where it does not fit.
+    """
     if not is_settable(variable):
         raise InputError("", f"is {variable.causality} in its FMU and cannot take a start value")
     if parameter.type != variable.type and (parameter.type, variable.type) != ("Integer", "Real"):
@@ -67,8 +80,8 @@ def _value(
         value = value_of_text(variable, parameter.value)
     except ValueError as error:
         raise InputError("", str(error)) from None
-    if parameter.type == "Real" or variable.type == "Real":
-        value = _converted(parameter, variable, float(value), dimensions, of_unit, notes, name)
+    if variable.type == "Real":
+        value = parameter.factor * (units.factor * float(value) + units.offset) + parameter.offset
     elif parameter.factor != 1.0 or parameter.offset != 0.0:
         raise InputError("", f"is {variable.type} and takes no linear transformation")
     if variable.type in ("Real", "Integer"):
@@ -77,26 +90,4 @@ def _value(
             raise InputError("", f"must be finite and from {low:g} to {high:g}, got {parameter.value}")
     elif variable.type == "Enumeration":
         require_bounds("", variable, float(value))
-    return value
-
-
-def _converted(
-    parameter: Parameter,
-    variable: Any,
-    value: float,
-    dimensions: Mapping[str, Dimension],
-    of_unit: Mapping[str, Dimension],
-    notes: list[str],
-    name: str,
-) -> float:
-    """Converted between units of measurement, then by the transformation of a mapping."""
-    unit = variable.unit or ""
-    found = conversion(parameter.unit, unit, {**of_unit, **dimensions}, of_unit) if parameter.converted else IDENTITY
-    if isinstance(found, str):
-        raise InputError("", f"has the unit {parameter.unit!r} in the parameter set and {unit!r} in its FMU")
-    if not found.trivial:
-        value = value * found.factor + found.offset
-        notes.append(f"{name} is converted from {parameter.unit} to {unit}")
-    if parameter.factor != 1.0 or parameter.offset != 0.0:
-        value = value * parameter.factor + parameter.offset
     return value
