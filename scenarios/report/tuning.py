@@ -69,7 +69,7 @@ def tuning_html(
         "tune.html.j2",
         title=f"Tuning: {scenario}",
         requirements=[
-            ("Uncertainty", f"± {100 * required.uncertainty:g} % of every parameter, {required.plants} random plants"),
+            ("Uncertainty", f"± {100 * required.uncertainty:g} % of every parameter, random plants: {required.plants}"),
             ("Strain noise", f"{required.strain_noise:g} rms a sample"),
             ("Disk margin of all pairs at once", f"at least {required.disk_margin:g}, on both plants"),
             ("Voltage limit", f"{required.voltage_limit:g} V"),
