@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import flexbeams as fb
 from flexbeams.scenarios.definition.settings import Settings
@@ -73,6 +74,20 @@ def test_linear_models_of_a_design() -> None:
         design.controller.to_control(1e-3)
     with pytest.raises(fb.FlexbeamsError, match=r"start\.beam\[1\]\.mass is not a parameter"):
         design.plant(start={"beam[1].mass": 1.0})
+
+
+def test_weights_give_the_gains() -> None:
+    """Also at another sample time, by scipy's Riccati solver."""
+    for sample_time in (2e-4, 5e-4):
+        design = fb.design("single_beam", sample_time=sample_time)
+        model, w = design.model.sampled(sample_time), design.weights
+        H_pm = model.C[1:]
+        S = scipy.linalg.solve_discrete_are(model.A, model.B, w.Q_c, w.R_c)
+        K = np.linalg.solve(model.B.T @ S @ model.B + w.R_c, model.B.T @ S @ model.A)
+        P = scipy.linalg.solve_discrete_are(model.A.T, H_pm.T, w.Q_o, w.R_o)
+        L = model.A @ P @ H_pm.T @ np.linalg.inv(H_pm @ P @ H_pm.T + w.R_o)
+        np.testing.assert_allclose(K, design.feedback_gain, rtol=0, atol=1e-9 * np.abs(K).max())
+        np.testing.assert_allclose(L, design.estimator_gain, rtol=0, atol=1e-9 * np.abs(L).max())
 
 
 def test_margins_of_a_design_on_another_plant() -> None:

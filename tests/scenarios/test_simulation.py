@@ -282,3 +282,23 @@ def test_ctrl_c_takes_effect_between_two_steps(scenario: str, ctrl_c: None) -> N
         sim.step(10)
         twin.step(done + 10)
         np.testing.assert_array_equal(sim["plant.y_pi"], twin["plant.y_pi"])
+
+
+@pytest.mark.native
+def test_matrices_of_a_parameter_set_are_those_of_the_unit(scenario: str) -> None:
+    """x+ = A x + B (u, force), y = C x with the sampled matrices, beside the unit with the same parameters."""
+    changed = {"beam[1].tip_mass": 0.03, "patch[].piezo_ratio": 20.0}
+    plant = fb.design("single_beam").plant(start=changed).sampled(2e-4)
+    start: Any = {f"plant.{name}": value for name, value in changed.items()}
+    random = np.random.default_rng(1)
+    x, found, expected = np.zeros(len(plant.A)), [], []
+    with fb.simulation(scenario, without=["controller", "plant.force"], start=start) as sim:
+        for _ in range(200):
+            u, force = random.uniform(-500, 500, 1), random.uniform(-1, 1, 1)
+            sim["plant.u"], sim["plant.force"] = u, force
+            sim.step()
+            x = plant.A @ x + plant.B @ np.concatenate([u, force])
+            expected.append(plant.C @ x)
+            found.append(np.concatenate([sim["plant.y_pi"], sim["plant.y_pm"]]))
+    gap, largest = np.abs(np.array(found) - expected).max(axis=0), np.abs(expected).max(axis=0)
+    assert np.all(gap < 1e-11 * largest)
