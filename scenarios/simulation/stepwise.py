@@ -83,7 +83,8 @@ class Stepwise(CoSimulation):
         self._external_rows = np.zeros((BLOCK, self._bus.external.stop - self._bus.external.start))
         self._move: Move = self.stepper.bound(self._external_rows, decimate, self._rows.values)
         self._native = not isinstance(self.stepper, PythonStepper)
-        self._block = 0  # first step of the rows in _external_rows
+        self._block = 0  # first step of the rows in _external_rows, which depend on the time only
+        self._fill(0)
         self._first = 0  # first step of the recording
         self._course: tuple[_Branch, ...] = ()
         self._failure: UnitFailure | None = None
@@ -106,7 +107,6 @@ class Stepwise(CoSimulation):
         self.stepper.begin(0)
         self._first, self._course, self._failure, self.ended = 0, (_Branch(0, object()),), None, ""
         self._frames.rewind(0)
-        self._fill(0)
 
     def reset(self, starts: Starts, stop_time: float, notify: Callable[[str], None]) -> None:
         """Starts anew with these values."""
@@ -224,7 +224,6 @@ class Stepwise(CoSimulation):
         self._failure, self.ended = None, ""
         self.stepper.begin(done)
         self._frames.rewind(done)
-        self._fill(done)
 
     def recording(self) -> Recording:
         """A copy of what is recorded, up to the present step."""
