@@ -53,13 +53,14 @@ def read_experiment(
     source = str(path)
     header, values, step, first = _window(path, reading, source)
     voltages = [
-        _signal(f"u[{k}]", header, values, reading, source, required=True) for k in range(1, len(structure.patch) + 1)
+        signal_column(f"u[{k}]", header, values, reading, source, required=True)
+        for k in range(1, len(structure.patch) + 1)
     ]
-    forces = [_signal(f"force[{j}]", header, values, reading, source) for j in range(1, len(structure.beam) + 1)]
+    forces = [signal_column(f"force[{j}]", header, values, reading, source) for j in range(1, len(structure.beam) + 1)]
     outputs = {
         k: column
         for k, name in enumerate(sensor_names(structure))
-        if (column := _signal(name, header, values, reading, source)) is not None
+        if (column := signal_column(name, header, values, reading, source)) is not None
     }
     if not outputs:
         raise InputError(
@@ -83,10 +84,10 @@ def read_experiment(
 
 def _window(path: Path, reading: Reading, source: str) -> tuple[list[str], Array, float, int]:
     """Header, values up to the end of the window, step in s, and the first row that counts."""
-    header, values = _table(path, source)
-    time = _signal("time", header, values, reading, source, required=True)
+    header, values = read_table(path, source)
+    time = signal_column("time", header, values, reading, source, required=True)
     assert time is not None
-    step = _even_step(time, source)
+    step = even_step(time, source)
     if reading.end is not None:
         values, time = values[time <= reading.end], time[time <= reading.end]
     first = 0 if reading.begin is None else int(np.searchsorted(time, reading.begin))
@@ -113,7 +114,7 @@ def _rest(voltages: Array, outputs: Array) -> Array:
     return np.zeros(voltages.shape[1]) if moves > 0.5 else voltages[0].copy()
 
 
-def _table(path: Path, source: str) -> tuple[list[str], Array]:
+def read_table(path: Path, source: str) -> tuple[list[str], Array]:
     """Header and values (rows, columns); InputError that names the first cell that is no finite number."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -162,7 +163,7 @@ def _bad_cell(header: list[str], rows: list[str], source: str) -> InputError:
     return InputError("", "is not a table of numbers", source=source)
 
 
-def _signal(
+def signal_column(
     name: str, header: list[str], values: Array, reading: Reading, source: str, required: bool = False
 ) -> Array | None:
     """The column of a signal in SI; None where it is missing and not required."""
@@ -187,7 +188,7 @@ def _signal(
     return own
 
 
-def _even_step(time: Array, source: str) -> float:
+def even_step(time: Array, source: str) -> float:
     """The step of an even time column, s."""
     steps = np.diff(time)
     if len(steps) == 0 or np.any(steps <= 0):

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from flexbeams.scenarios.cli.identify_hysteresis import hysteresis
 from flexbeams.scenarios.cli.identify_plan import plan
 from flexbeams.scenarios.cli.options import BASIS, note, say, structure_option
 
@@ -36,11 +37,13 @@ def identify() -> None:
     """Identify a structure's parameters from measured step responses, sweeps or blows.
 
     `flexbeams identify DATA.csv ... --structure START.toml --out RESULT.toml` is short for `identify parameters`;
-    `flexbeams identify static DATA.csv ...` measures static gains; `flexbeams identify --plan` proposes an experiment.
+    `flexbeams identify static DATA.csv ...` measures static gains, `flexbeams identify hysteresis DATA.csv` fits
+    hysteresis and creep of the patches; `flexbeams identify --plan` proposes an experiment.
     """
 
 
 identify.add_command(plan)
+identify.add_command(hysteresis)
 
 
 @identify.command()

@@ -8,12 +8,14 @@ from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
 from flexbeams.scenarios.report.decimation import thinned
+from flexbeams.scenarios.report.loops import run_loops
 from flexbeams.scenarios.report.overview import OVERVIEW
 from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.results.saturation import saturation_lines
+from flexbeams.scenarios.simulation.recording import Recording
 
 _TIMING = {"steps": "steps", "wall_s": "stepping loop, s", "real_time_factor": "times real time"}
 
@@ -39,10 +41,20 @@ def report_html(run: Run) -> str:
         metrics_units="the units of their variables" if design is None else "SI units",
         timing=_timing(run.summary["timing"]),
         groups=groups,
+        loop_pictures=_loops(run, drawn),
         figures=[OVERVIEW] if design is None else [figure.file for figure in run.scenario.figure],
         animation=moving,
         data=data,
     )
+
+
+def _loops(run: Run, drawn: Recording) -> list[dict[str, Any]]:
+    """Pictures of the instances whose kind has loops; none for a package."""
+    if run.design is None:
+        return []
+    kinds = instance_kinds(run.scenario, run.settings.kinds, run.name)
+    arrays = {name: kind.loops for name, kind in kinds.items() if kind.loops is not None}
+    return run_loops(run.scenario, drawn, arrays)
 
 
 def check_row(record: dict[str, Any]) -> dict[str, str]:
