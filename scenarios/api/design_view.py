@@ -25,6 +25,7 @@ from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.structure import Structure
 from flexbeams.scenarios.api.state_space import StateSpace, numbered
+from flexbeams.scenarios.runs.run_view import framed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +47,7 @@ class ClosedLoop(Loop):
         return loop_margins(self)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DesignView:
     """A computed design.
 
@@ -179,6 +180,18 @@ class DesignView:
     def analysis(self) -> Analysis:
         """All that `flexbeams design` shows beside the summary."""
         return analyse(self.computed)
+
+    def __repr__(self) -> str:
+        figures = self.summary
+        states = f"{figures['full_order']} states, reduced to {figures['reduced_order']}"
+        beams = "1 beam" if figures["beams"] == 1 else f"{figures['beams']} beams"
+        return f"design {self.design_id}: {beams}, {states}"
+
+    def _repr_html_(self) -> str:
+        """The page of `flexbeams design --report` in a frame of its own; it needs nothing from outside."""
+        from flexbeams.scenarios.report.design import design_html
+
+        return framed(design_html(self.analysis(), self.design_id[:12]), "design")
 
     def save(self, file: str | Path) -> Path:
         """Writes the design file; InputError where that is not possible."""

@@ -76,6 +76,15 @@ def test_linear_models_of_a_design() -> None:
         design.plant(start={"beam[1].mass": 1.0})
 
 
+def test_page_of_a_design() -> None:
+    design = fb.design("single_beam", reduced_modes=4)
+    assert repr(design) == f"design {design.design_id}: 1 beam, 20 states, reduced to 8"
+    page = design._repr_html_()
+    assert page.count("<iframe srcdoc=") == 1
+    assert design.design_id[:12] in page
+    assert "src=&quot;http" not in page
+
+
 def test_weights_give_the_gains() -> None:
     """Also at another sample time, by scipy's Riccati solver."""
     for sample_time in (2e-4, 5e-4):
