@@ -36,9 +36,7 @@ class ExperimentPlan:
     experiment: Experiment  # with the predicted outputs, without noise
     noise: Array  # (n_all,): standard deviations of the sensors, m and 1
     expected: Expectation
-    sizes: Mapping[str, float] = field(
-        default_factory=dict
-    )  # mean deviation of the criterion, by record: the plan's, then simple ones
+    sizes: Mapping[str, float] = field(default_factory=dict)  # mean deviation by record: the plan's, simple ones
 
     @property
     def largest_deflection(self) -> float:

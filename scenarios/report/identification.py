@@ -78,7 +78,8 @@ def _group(fit: Fit, names: list[str]) -> dict[str, Any]:
     time = fit.experiment.time[fit.experiment.first_counted :]
     panels = []
     for k, sensor in enumerate(fit.experiment.sensors):
-        unit, factor = DISPLAY_UNITS["deflection" if names[sensor].startswith("y_pi") else "strain"]
+        quantity = "deflection" if names[sensor].startswith("y_pi") else "strain"
+        unit, factor = DISPLAY_UNITS[quantity]
         measured, fitted = fit.measured[:, k], fit.predicted[:, k]
         values = factor * np.column_stack([measured, fit.initial[:, k], fitted, measured - fitted])
         rows = plotted_rows(values, MAX_ROWS)
@@ -86,7 +87,7 @@ def _group(fit: Fit, names: list[str]) -> dict[str, Any]:
         panels.append(
             {
                 "title": names[sensor],
-                "axis": f"{names[sensor]} in {unit}",
+                "axis": f"{quantity} in {unit}",
                 "unit": unit,
                 "time": float32(time[rows]),
                 "curves": [
@@ -146,11 +147,12 @@ def _residuals(result: Identification, fits: list[Fit], names: list[str]) -> lis
         correlation = correlation / max(float(correlation[0]), 1e-300)
         power = np.abs(np.fft.rfft(r * np.hanning(len(r)))) ** 2
         level = np.log10(np.maximum(_smoothed(power), 1e-300))
+        length = result.joint.correlation_lengths[sensor]
         rows.append(
             {
                 "name": name,
                 "weight": f"{result.estimate.weights[sensor]:g}",
-                "length": f"{result.joint.correlation_lengths[sensor]:.3g}",
+                "length": f"{length:.0f}" if length >= 100 else f"{length:.3g}",
                 "correlation": _polyline(correlation, -1.0, 1.0),
                 "spectrum": _polyline(level, float(np.min(level)), float(np.max(level)) + 1e-9),
                 "nyquist": f"{0.5 / fit.experiment.step:g}",
