@@ -107,6 +107,16 @@ class Search:
             return self._stopped(stop, space, deviations)
         return Estimate(residuals=part, x=x, deviations=deviations, weights=self.weights, evaluations=self.evaluations)
 
+    def refined(self, space: ParameterSpace, x: Array, deviations: Array) -> Estimate:
+        """The estimate over thinned rows from unknowns x (size,) near it."""
+        try:
+            part = self.residuals_of(self.experiments, space, deviations, rough=True)
+            x = self._solve(part, x, self.settings.loss, self.settings.evaluations, ROUGH)
+            deviations = self.measured_deviations(part, x)
+        except _Interrupted as stop:
+            return self._stopped(stop, space, deviations)
+        return Estimate(residuals=part, x=x, deviations=deviations, weights=self.weights, evaluations=self.evaluations)
+
     def fine(self, space: ParameterSpace, x: Array, deviations: Array) -> Estimate:
         """The estimate over all rows from unknowns x (size,) near it, the sensors' deviations measured once more."""
         self.notify("all rows")

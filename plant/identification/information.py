@@ -55,7 +55,7 @@ def information(residuals: Residuals, x: Array, *, robust_scale: float | None, r
     blocks = residuals.sensor_blocks()
     for sensor, spans in blocks.items():
         r = np.concatenate([values[span] for span in spans])
-        psi, slope = _influence(r, robust_scale)
+        psi, slope = influence(r, robust_scale)
         lengths[sensor] = max(correlation_length(values[span]) for span in spans)
         gram = rows * np.sum([jacobian[:, span] @ jacobian[:, span].T for span in spans], axis=0)
         a, v = float(np.mean(slope)), max(float(np.mean(psi**2)), 1e-12)
@@ -95,7 +95,7 @@ def open_directions(data: Array, names: tuple[str, ...], limit: float) -> tuple[
     return tuple(directions)
 
 
-def _influence(r: Array, scale: float | None) -> tuple[Array, Array]:
+def influence(r: Array, scale: float | None) -> tuple[Array, Array]:
     """psi(r) of soft_l1 and its slope."""
     if scale is None:
         return r, np.ones_like(r)

@@ -78,7 +78,7 @@ def identify(
     fitted, x = space, estimate.x
     if not estimate.interrupted:
         # The thinned rows say less; with all of them the deviations shrink by the root of the thinning
-        kept = _kept(information(estimate.residuals, x, robust_scale=robust, rows=estimate.residuals.stride), x)
+        kept = kept_names(information(estimate.residuals, x, robust_scale=robust, rows=estimate.residuals.stride), x)
         if 0 < len(kept) < len(space.names):
             fixed = np.zeros(len(x), dtype=bool)
             fixed[: len(space.names)] = [name in kept for name in space.names]
@@ -91,7 +91,7 @@ def identify(
     return Identification(
         model=model,
         structure=structure.with_parameters(estimate.values),
-        parameters=_parameters(structure, space, estimate.values, joint, kept),
+        parameters=parameters_of(structure, space, estimate.values, joint, kept),
         start=start,
         joint=joint,
         estimate=estimate,
@@ -110,7 +110,7 @@ def _coarse(search: Search, space: ParameterSpace) -> tuple[Start, Estimate]:
     return (other, second) if search.misfit(second) < search.misfit(estimate) else (start, estimate)
 
 
-def _kept(joint: Information, x: Array) -> list[str]:
+def kept_names(joint: Information, x: Array) -> list[str]:
     """Undetermined parameters whose start the data do not contradict."""
     undetermined = set(joint.undetermined)
     return [
@@ -120,9 +120,10 @@ def _kept(joint: Information, x: Array) -> list[str]:
     ]
 
 
-def _parameters(
+def parameters_of(
     structure: Structure, space: ParameterSpace, values: Mapping[str, float], joint: Information, kept: Sequence[str]
 ) -> tuple[Parameter, ...]:
+    """What an identification with `values` says of all parameters; those in `kept` stayed at their start."""
     relative = dict(zip(joint.names, joint.deviations, strict=True))
     for k, name in enumerate(space.names):
         if not space.logarithmic[k]:

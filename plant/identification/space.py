@@ -1,7 +1,7 @@
 """The parameters to be identified in the coordinates of the search: logarithms, bounds and priors."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -80,6 +80,22 @@ class ParameterSpace:
             upper=self.upper[keep],
             deviation=self.deviation[keep],
             declared=self.declared[keep],
+        )
+
+    def free_as_well(self, names: Sequence[str]) -> "ParameterSpace":
+        """The space in which fixed parameters > 0 of these names, appended, are free too."""
+        start = np.array([self.fixed[name] for name in names])
+        count = len(names)
+        return ParameterSpace(
+            fixed={name: value for name, value in self.fixed.items() if name not in names},
+            names=(*self.names, *names),
+            start=np.concatenate([self.start, start]),
+            scale=np.concatenate([self.scale, start]),
+            logarithmic=np.concatenate([self.logarithmic, np.ones(count, dtype=bool)]),
+            lower=np.concatenate([self.lower, np.full(count, -np.log(REACH))]),
+            upper=np.concatenate([self.upper, np.full(count, np.log(REACH))]),
+            deviation=np.concatenate([self.deviation, np.full(count, 10 * PRIOR)]),
+            declared=np.concatenate([self.declared, np.zeros(count, dtype=bool)]),
         )
 
 

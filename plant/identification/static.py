@@ -64,29 +64,37 @@ def _equations(experiments: Sequence[Experiment], share: float) -> tuple[Array, 
     rows, values, variances = [], [], []
     for number, experiment in enumerate(experiments):
         order = np.argsort(experiment.sensors)
-        for first, last in _plateaus(experiment):
+        for first, last in plateaus(experiment):
             offsets = np.zeros(len(experiments))
             offsets[number] = 1.0
             certainty = RESTING if first == 0 else 1.0
             rows.append(certainty * np.concatenate([experiment.voltages[first], offsets]))
-            begin = 0 if first == 0 else first + int((1 - share) * (last - first))
-            weights = np.hanning(last - begin + 2)[1:-1]
-            weights = certainty * weights / np.sum(weights)
-            outputs = experiment.outputs[begin:last][:, order]
-            values.append(weights @ outputs)
-            variances.append(np.sum(weights**2) * np.mean(np.diff(outputs, axis=0) ** 2, axis=0) / 2)
+            mean, variance = plateau_mean(experiment, first, last, share)
+            values.append(certainty * mean[order])
+            variances.append(certainty**2 * variance[order])
     width = experiments[0].voltages.shape[1] + len(experiments)
     shape = (len(rows), -1)
     return np.array(rows).reshape(-1, width), np.array(values).reshape(shape), np.array(variances).reshape(shape)
 
 
-def _plateaus(experiment: Experiment) -> list[tuple[int, int]]:
+def plateau_mean(experiment: Experiment, first: int, last: int, share: float) -> tuple[Array, Array]:
+    """Hann-weighted means (n_s,) over the last share of a plateau, the whole of a first one, and their variances by
+    white noise of the size that differences of neighbouring rows show."""
+    begin = 0 if first == 0 else first + int((1 - share) * (last - first))
+    weights = np.hanning(last - begin + 2)[1:-1]
+    weights = weights / np.sum(weights)
+    outputs = experiment.outputs[begin:last]
+    variance = np.sum(weights**2) * np.mean(np.diff(outputs, axis=0) ** 2, axis=0) / 2
+    return np.asarray(weights @ outputs), np.asarray(variance)
+
+
+def plateaus(experiment: Experiment) -> list[tuple[int, int]]:
     """First and last row (exclusive) of the stretches of constant voltage that count."""
     changes = np.flatnonzero(np.any(np.diff(experiment.voltages, axis=0) != 0, axis=1)) + 1
     edges = [0, *(int(c) for c in changes), experiment.rows]
-    plateaus = []
+    found = []
     for first, last in pairwise(edges):
         resting = first == 0 and last < experiment.rows
         if (last - first) * experiment.step >= SHORTEST or (resting and last - first >= 10):
-            plateaus.append((first, last))
-    return plateaus
+            found.append((first, last))
+    return found

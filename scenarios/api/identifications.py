@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from flexbeams.plant.identification.plausibility import require_plausible
 from flexbeams.plant.identification.reading import Column, Reading, read_experiment
 from flexbeams.plant.identification.space import ParameterSpace, parameter_space, select
 from flexbeams.plant.identification.static import static_maps_of
+from flexbeams.plant.identification.steps_result import identify_in_steps
 from flexbeams.plant.identification.writing import write_identified
 from flexbeams.plant.static_maps import StaticMaps
 from flexbeams.plant.structure import Structure, find_structure, read_structure
@@ -25,6 +27,7 @@ from flexbeams.scenarios.report.identification import write_identification
 from flexbeams.scenarios.runs.observer import ignore_note
 
 File = str | Path
+Steps = Literal["all", "paper"]
 
 
 def identify(
@@ -47,6 +50,7 @@ def identify(
     basis: BasisName = "clamped_free",
     order: int | None = None,
     loss: Loss = "soft_l1",
+    steps: Steps = "all",
     out: File | None = None,
     report: File | None = None,
     notify: Callable[[str], None] = ignore_note,
@@ -85,6 +89,9 @@ def identify(
         Galerkin basis of the model, and its modes a beam or polynomial degree.
     loss
         `soft_l1`, which limits the influence of outliers, or `linear`.
+    steps
+        `all` parameters at once, or `paper`: the two steps of the paper's section 4.1, for voltage steps. Step 1 takes
+        the uncoupled files, the others show the springs.
     out, report
         Structure file and page to write.
     notify, progress
@@ -119,7 +126,8 @@ def identify(
         fit_delays=fit_delays,
         fit_offsets=fit_offsets,
     )
-    result = identified(
+    method = identify_in_steps if steps == "paper" else identified
+    result = method(
         beams, experiments, space, basis=basis, order=order, settings=settings, notify=notify, progress=progress
     )
     require_consistent(result, notify)

@@ -72,6 +72,13 @@ identify.add_command(hysteresis)
 @click.option("--basis", type=BASIS, default="clamped_free", show_default=True, help="Galerkin basis of the model.")
 @click.option("--order", type=click.IntRange(min=1), help="Modes of a beam, or polynomial degree.")
 @click.option("--loss", type=click.Choice(["soft_l1", "linear"]), default="soft_l1", show_default=True)
+@click.option(
+    "--steps",
+    type=click.Choice(["all", "paper"]),
+    default="all",
+    show_default=True,
+    help="All at once, or the paper's two steps: uncoupled beams, then springs.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
 def parameters(
     files: tuple[Path, ...],

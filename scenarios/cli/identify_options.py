@@ -68,6 +68,7 @@ def call_options(options: dict[str, Any]) -> dict[str, Any]:
                 "basis",
                 "order",
                 "loss",
+                "steps",
             )
         },
     }

@@ -14,7 +14,7 @@ from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.static_maps import read_static_maps
 from flexbeams.plant.structure import STRUCTURES_FOLDER, read_structure
 from flexbeams.scenarios.cli.main import main
-from tests.plant.identification.data import measured, steps
+from tests.plant.identification.data import PATTERNS, kiel, measured, steps
 
 SHIPPED = STRUCTURES_FOLDER / "single_beam.toml"
 
@@ -118,6 +118,7 @@ def test_static_gains_for_a_design(rig: Path, capsys: pytest.CaptureFixture[str]
         (["--delay", "y_pm[1]=-1"], "--delay must be >= 0"),
         (["--map", "u[1]=voltage*1000"], "column 'voltage' is missing"),
         (["--window", "0:0.05"], "at least 20 rows that count"),
+        (["--steps", "paper"], "--steps paper needs files recorded with the springs taken off: give --uncoupled"),
         (["--structure", "nowhere.toml"], "is neither a file nor a shipped structure"),
     ],
 )
@@ -130,6 +131,34 @@ def test_refusals_are_one_line(
     assert shown.out == ""
     assert message in shown.err
     assert len(shown.err.strip().splitlines()) == 1
+
+
+def test_the_papers_steps_take_uncoupled_files_and_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    structure, model = kiel()
+    truth = structure.parameters()
+    names = [f"plant.{name}" for name in sensor_names(structure)]
+    for name, springs in (("off", 0.0), ("on", 1.0)):
+        values = {n: v * springs if n.startswith("spring[") else v for n, v in truth.items()}
+        [e] = measured(model, values, steps(PATTERNS[:1], 10, rows=900), 0.002, 1)
+        table = np.column_stack([e.time, e.voltages, e.outputs])
+        header = ",".join(["time", *(f"u[{k}]" for k in range(1, 5)), *names])
+        np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header=header, comments="", fmt="%.17g")
+    text = (STRUCTURES_FOLDER / "kiel.toml").read_text(encoding="utf-8").replace("stiffness = 7.53", "stiffness = 9.0")
+    (tmp_path / "start.toml").write_text(text, encoding="utf-8")
+    free = ["--free", "beam[].structural_damping", "--free", "spring[].stiffness", "--basis", "clamped_free"]
+    files = [tmp_path / "on.csv", "--uncoupled", tmp_path / "off.csv", "--structure", tmp_path / "start.toml"]
+    assert run("identify", *files, "--steps", "paper", *free, "--out", tmp_path / "r.toml", "--json") == 0
+    shown = capsys.readouterr()
+    assert "dynamic set, pass 1" in shown.err
+    result = json.loads(shown.out)
+    assert "the paper's two steps" in result["start"]["method"]
+    spring = result["parameters"]["spring[1].stiffness"]
+    assert abs(np.log(spring["value"] / truth["spring[1].stiffness"])) < 3 * spring["deviation"] < 0.05
+    written = read_structure(tmp_path / "r.toml").parameters()
+    assert written["spring[1].stiffness"] == pytest.approx(7.53, rel=0.02)
+    assert written["beam[2].structural_damping"] == pytest.approx(truth["beam[2].structural_damping"], rel=0.05)
+    assert run("identify", *files[:1], *files[3:], "--steps", "paper", *free) == 2
+    assert "give --uncoupled" in capsys.readouterr().err
 
 
 def test_nothing_left_to_fit(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
