@@ -153,7 +153,7 @@ def test_the_papers_steps_take_uncoupled_files_and_others(tmp_path: Path, capsys
     result = json.loads(shown.out)
     assert "the paper's two steps" in result["start"]["method"]
     spring = result["parameters"]["spring[1].stiffness"]
-    assert abs(np.log(spring["value"] / truth["spring[1].stiffness"])) < 3 * spring["deviation"] < 0.05
+    assert abs(np.log(spring["value"] / truth["spring[1].stiffness"])) < 3 * spring["deviation"] < 0.12
     written = read_structure(tmp_path / "r.toml").parameters()
     assert written["spring[1].stiffness"] == pytest.approx(7.53, rel=0.02)
     assert written["beam[2].structural_damping"] == pytest.approx(truth["beam[2].structural_damping"], rel=0.05)
