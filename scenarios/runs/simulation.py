@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from types import TracebackType
-from typing import Any, NoReturn, Self, cast
+from typing import Any, Self
 
 from numpy.typing import ArrayLike
 
@@ -233,9 +233,9 @@ class Simulation:
         return RunView.of(finished_run(prepared, recording, self._observer))
 
     def close(self) -> None:
-        """Ends the units and removes their files; further calls do nothing."""
+        """Ends the units and removes their files; arrays, time and result stay, all else raises InputError."""
         self._finalizer()
-        self._stepwise, self._instances = cast(Stepwise, _Closed()), {}
+        self._instances = {}
 
     def __enter__(self) -> Self:
         return self
@@ -244,13 +244,6 @@ class Simulation:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class _Closed:
-    """In place of the units of a closed simulation."""
-
-    def __getattr__(self, name: str) -> NoReturn:
-        raise InputError("simulation", "is closed")
 
 
 def _spans(elements: Mapping[str, int]) -> dict[str, slice]:

@@ -1,6 +1,7 @@
 """Stepping under the caller's control: some steps at a time, with inputs of one's own, snapshots and new starts."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +89,7 @@ class Stepwise(CoSimulation):
         self._first = 0  # first step of the recording
         self._course: tuple[_Branch, ...] = ()
         self._failure: UnitFailure | None = None
+        self._closed = False
         self.ended = ""
         self._per_step, self._scale = decimal_ticks(step)
 
@@ -110,6 +112,7 @@ class Stepwise(CoSimulation):
 
     def reset(self, starts: Starts, stop_time: float, notify: Callable[[str], None]) -> None:
         """Starts anew with these values."""
+        self._require_alive()
         for instance in self._instances.values():
             instance.call("reset")
         try:
@@ -124,7 +127,7 @@ class Stepwise(CoSimulation):
         Ctrl-C takes effect between two steps.
         """
         end = self.stepper.done + count
-        if end > self.steps or self._failure is not None or self.ended:
+        if end > self.steps or self._failure is not None or self.ended or self._closed:
             self._require_open(end)
         if count == 1 and self._native:  # the call in C, which Ctrl-C does not interrupt, counts the step
             self._advance(end)
@@ -169,7 +172,12 @@ class Stepwise(CoSimulation):
             raise
         self.stepper.begin(self.stepper.done + 1)
 
+    def _require_alive(self) -> None:
+        if self._closed:
+            raise InputError("simulation", "is closed")
+
     def _require_open(self, end: int) -> None:
+        self._require_alive()
         if self._failure is not None:
             raise InputError("", f"{self._failure}; the simulation goes on after reset or restore")
         if self.ended:
@@ -185,6 +193,7 @@ class Stepwise(CoSimulation):
 
     def snapshot(self) -> Snapshot:
         """The present state; InputError where a unit cannot save its own."""
+        self._require_alive()
         self._states.require_savable()
         if self._failure is not None:
             self._require_open(0)
@@ -199,6 +208,7 @@ class Stepwise(CoSimulation):
         The rows recorded up to its time stay where they are of the snapshot's past; else the recording begins at its
         time. Raises InputError for a snapshot of other units, signals or steps.
         """
+        self._require_alive()
         held = snapshot.held if isinstance(snapshot, Snapshot) else None
         if held is None or not self._states.took(held.states):
             header, parts = unpack_snapshot(bytes(snapshot))
@@ -229,8 +239,7 @@ class Stepwise(CoSimulation):
         """A copy of what is recorded, up to the present step."""
         done = self.done
         self._drive(done)
-        if done == self._frames.due:
-            self._frames.take(self.signals)
+        self._take_frame()
         self._rows.take(done)
         rows = self._rows.copy(done)
         recording = rows.recording(self._wiring.columns, done, 0.0, self._wiring.deflections)
@@ -241,6 +250,15 @@ class Stepwise(CoSimulation):
         recording.frames = self._frames.taken() if self._first == 0 else None
         return recording
 
+    def _take_frame(self) -> None:
+        """The frame of the present step, if one is due."""
+        if self.done == self._frames.due and not self._closed:
+            self._drive(self.done)
+            self._frames.take(self.signals)
+
     def close(self) -> None:
-        """Frees the saved states, before the instances end."""
+        """Frees the saved states, before the instances end; what was recorded stays."""
+        with suppress(UnitFailure):
+            self._take_frame()
         self._states.free_all()
+        self._closed = True

@@ -252,18 +252,24 @@ def test_a_failed_unit_goes_on_after_restore_and_reset(scenario: str) -> None:
             np.testing.assert_array_equal(sim["plant.y_pi"], values)
 
 
-def test_closed_simulations_say_so(scenario: str) -> None:
-    sim = fb.simulation(scenario, backend="python")
-    sim.step(10)
-    state = sim.snapshot()
+def test_closed_simulations_keep_what_they_recorded(scenario: str) -> None:
+    sim = fb.simulation(scenario, backend="python", start={"controller.feedback": False})
+    sim.step(100)
+    state, expected = sim.snapshot(), sim.result().recording
     sim.close()
     sim.close()
-    for call in (sim.step, sim.snapshot, sim.reset, sim.result, lambda: sim.time, lambda: sim.restore(state)):
+    np.testing.assert_array_equal(sim.result().recording.values, expected.values)
+    assert expected.frames is not None
+    np.testing.assert_array_equal(sim.result().recording.frames.values, expected.frames.values)  # type: ignore[union-attr]
+    assert (sim.time, sim.steps, len(sim["plant.y_pm"])) == (0.02, 100, 2)
+    for call in (sim.step, sim.snapshot, sim.reset, lambda: sim.step(until=0.02), lambda: sim.restore(state)):
         with pytest.raises(fb.FlexbeamsError, match="simulation is closed"):
             call()  # type: ignore[no-untyped-call, operator]
+    with pytest.raises(fb.FlexbeamsError, match=r"plant\.energy is not a variable"):
+        sim["plant.energy"]
     with fb.simulation(scenario, backend="python") as other:
         other.restore(state)
-        assert other.steps == 10
+        assert other.steps == 100
 
 
 @pytest.mark.native
