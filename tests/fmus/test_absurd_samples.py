@@ -153,3 +153,41 @@ def test_a_first_sample_at_rest_stays_off_the_rails(units: BuiltUnits) -> None:
         assert np.abs(unit.take("u")).max() == 0.0
         unit.advance(SAMPLE, y_pm=STRAINS).advance(SAMPLE)
         assert 0.0 < np.abs(unit.take("u")).max() < 100.0
+
+
+@needs_zig
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_spikes_among_the_samples_do_no_harm(share: float) -> None:
+    """Scenario `tracking`, every strain replaced by a spike of 0.2 with a chance of 5 %: it ends within 0.05 mm."""
+    rng = np.random.default_rng(6)
+    target = np.array([-8e-3, 1e-3, 4e-3, -6e-3])
+    with (
+        loaded(native_folder("FlatnessFeedforward")) as feedforward,
+        loaded(native_folder("TrackingController")) as controller,
+        loaded(native_folder("BeamPlant")) as plant,
+    ):
+        feedforward.begin(transition_time=0.9, preview=SAMPLE)
+        controller.begin()
+        plant.begin()
+        largest = 0.0
+        for k in range(8000):
+            if k == 500:
+                feedforward.put("y_target", target)
+            y_pm, u, u_ff, x_ref = (
+                plant.take("y_pm"),
+                controller.take("u"),
+                feedforward.take("u_ff"),
+                feedforward.take("x_ref"),
+            )
+            spikes = rng.uniform(size=6) < share
+            controller.put("y_pm", np.where(spikes, rng.choice([-0.2, 0.2], 6), y_pm))
+            controller.put("u_ff", u_ff)
+            controller.put("x_ref", x_ref)
+            plant.put("u", u)
+            for unit in (feedforward, controller, plant):
+                unit.advance(SAMPLE)
+            largest = max(largest, float(np.abs(u).max()))
+        rejected = controller.take("rejected_samples")[0]
+        assert rejected == pytest.approx(share * 6 * 8000, rel=0.1)
+        assert largest < 900.0  # of 1000 V
+        assert np.abs(plant.take("y_pi") - target).max() < 1e-6  # a fiftieth of what was asked for

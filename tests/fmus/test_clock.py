@@ -140,13 +140,47 @@ def test_repeated_skipped_and_reversed_steps_are_refused(
 
 @needs_zig
 @pytest.mark.parametrize("start", [0.0, 1e6, 1.7e9])
-def test_repeated_steps_of_a_loop_are_refused(start: float) -> None:
+@pytest.mark.parametrize("step", [H, 1e-6])
+@pytest.mark.parametrize("shift", [-1, 1, -5])
+def test_repeated_skipped_and_reversed_steps_of_a_loop_are_refused(step: float, start: float, shift: int) -> None:
     with loaded(native_folder(LOOP)) as one:
         one.begin(start)
         for k in range(5):
-            one.step(start + k * H, H)
+            one.step(start + k * step, step)
         with pytest.raises(UnitFailure, match="currentCommunicationPoint"):
-            one.step(start + 4 * H, H)
+            one.step(start + (5 + shift) * step, step)
+        one.call("reset")
+        one.begin(start)
+        one.step(start, step)
+
+
+def scenario(start: float, step: float) -> Real:
+    """Outputs of a loop over 1.6 s: a target, another one on the way to it, a push, feedback off at the end."""
+    with loaded(native_folder(LOOP)) as loop:
+        loop.begin(start, **{"feedforward.transition_time": 0.7})
+        rows = []
+        for k in range(round(1.6 / step)):
+            time = k * step
+            if k in (round(0.1 / step), round(0.5 / step)):
+                loop.put("y_target", (1.0 if time < 0.3 else -0.4) * np.array([-8e-3, 1e-3, 4e-3, -6e-3]))
+            if k in (round(0.9 / step), round(0.905 / step)):
+                loop.put("force", 0.3 if time < 0.9025 else 0.0)
+            if k == round(1.3 / step):
+                loop.put("controller.feedback", False)
+            loop.step(start + time, step)
+            if k % 5 == 4:
+                rows.append(outputs(loop))
+    return np.array(rows)
+
+
+@needs_zig
+@pytest.mark.parametrize("step", [H, 1e-3])
+def test_a_scenario_at_another_time_is_the_same(step: float) -> None:
+    """Shifted to times that a rig has: 1e-9 of each signal's largest value was asked for, the bits are equal."""
+    wanted = scenario(0.0, step)
+    assert np.count_nonzero(np.ptp(wanted, axis=0) == 0) <= 1  # no voltage reaches its limit
+    for start in (1e4, 2e6, 1e9, 1.7e9):
+        np.testing.assert_array_equal(scenario(start, step), wanted)
 
 
 @pytest.mark.parametrize("unit", UNITS)

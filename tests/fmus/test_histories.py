@@ -2,13 +2,18 @@
 
 An instance lives through steps, new inputs, switched parameters, saved and restored states, resets, refusals and new
 set-ups. Of these its story keeps what should matter: the last set-up and, from there or from the saved state, every
-value set and every step. A fresh instance that goes through the story alone must agree with it bit for bit. The same
-history gives the same values from the C and from the Python kernel.
+value set and every step. A fresh instance that goes through the story alone must agree with it bit for bit, as must one
+in another process that goes on from a saved state. The same history gives the same values from the C and from the
+Python kernel.
+
+FLEXBEAMS_CALLS=10000000 goes on with further histories until each unit has had so many FMI calls.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +22,14 @@ from fmpy import read_model_description
 
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import Workshop, design_of
-from tests.native.workshop import native_folder, needs_zig
+from tests.native.workshop import native_folder, needs_zig, workspace
+from tests.units.copies import Case, Story, in_second_process, replay
 from tests.units.loaded import Loaded, Real, loaded
 
 LENGTH = 80  # actions of a history
 SEEDS = (1, 2, 3, 4, 5)
-
-Story = list[tuple[str, Any]]
+CALLS = int(float(os.environ.get("FLEXBEAMS_CALLS", "0")))
+STARTS = (0.0, 3.0, -1e9, 1.7e9)  # s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,17 +177,6 @@ PROFILES["BeamClosedLoop"] = Profile(
 )
 
 
-def replay(unit: Loaded, story: Story) -> Loaded:
-    for action, value in story:
-        if action == "begin":
-            unit.begin(value[0], **value[1])
-        elif action == "step":
-            unit.advance(value)
-        else:
-            unit.put(action, value)
-    return unit
-
-
 @dataclass
 class Life:
     """An instance, its random history, and the story that should explain what it shows."""
@@ -191,18 +186,28 @@ class Life:
     rng: np.random.Generator
     story: Story = field(default_factory=list)
     saved: list[tuple[bytes, float, Story]] = field(default_factory=list)
+    open: list[Case] = field(default_factory=list)  # saved states, and what has happened since
+    copies: list[tuple[Case, Real]] = field(default_factory=list)  # the same, and every value at the end
 
     def act(self, action: str, value: Any) -> None:
         replay(self.unit, [(action, value)])
         self.story.append((action, value))
+        for _, _, since in self.open:
+            since.append((action, value))
+
+    def end_copies(self) -> None:
+        """Before what a copy of the instance does not go through."""
+        if self.open:
+            self.copies += [(case, self.unit.everything()) for case in self.open]
+            self.open = []
 
     def drawn(self, some: dict[str, Callable[[np.random.Generator], Any]]) -> dict[str, Any]:
         return {name: draw(self.rng) for name, draw in some.items() if self.rng.uniform() < 0.5}
 
     def begin(self) -> None:
         """From a reset instance; at 0 or at another start time."""
-        self.story = []
-        self.act("begin", (float(self.rng.choice([0.0, 3.0])), self.drawn(self.profile.starts)))
+        self.story, self.open = [], []
+        self.act("begin", (float(self.rng.choice(STARTS)), self.drawn(self.profile.starts)))
 
     def step(self) -> None:
         self.act("step", float(self.rng.choice(self.profile.steps)))
@@ -219,6 +224,7 @@ class Life:
 
     def save(self) -> None:
         self.saved.append((self.unit.saved(), self.unit.now, list(self.story)))
+        self.open.append((*self.saved[-1][:2], []))
 
     def restore(self) -> None:
         """A state from any time, read before the next step."""
@@ -226,17 +232,20 @@ class Life:
             self.save()
             self.step()
         content, now, story = self.saved[self.rng.integers(len(self.saved))]
+        self.end_copies()
         self.unit.restore(content).now = now  # the host's sum of steps
         self.story = list(story)
 
     def restore_after_reset(self) -> None:
         self.save()
+        self.end_copies()
         self.unit.call("reset")
         self.restore()
 
     def restore_into_initialisation(self) -> None:
         """A state from before the end of the initialisation, after some steps."""
         values = self.drawn(self.profile.starts)
+        self.end_copies()
         self.unit.call("reset")
         early = self.unit.prepare(**values).saved()
         self.unit.call("exitInitializationMode")
@@ -246,66 +255,114 @@ class Life:
         self.story = [("begin", (0.0, values))]
 
     def reset(self) -> None:
+        self.end_copies()
         self.unit.call("reset")
         self.begin()
 
     def refuse(self) -> None:
-        """A value that no call may take; then a new set-up."""
+        """A value that no call may take, which does no harm; half of the time a new set-up."""
         name, value = self.profile.refused[self.rng.integers(len(self.profile.refused))]
         with pytest.raises(UnitFailure):
             self.unit.put(name, value)
-        self.reset()
+        if self.rng.uniform() < 0.5:
+            self.reset()
+
+    def refuse_step(self) -> None:
+        """One that is skipped, repeated or longer than any; then another state."""
+        length = float(self.rng.choice(self.profile.steps))
+        shift, factor = [(5.0, 1.0), (-1.0, 1.0), (0.0, 1e9)][self.rng.integers(3)]
+        self.end_copies()
+        with pytest.raises(UnitFailure, match=r"communicationStepSize|currentCommunicationPoint"):
+            self.unit.step(self.unit.now + shift * length, factor * length)
+        self.restore() if self.saved else self.reset()
+
+    def look(self) -> None:
+        """Getters that are refused, and derivatives: these change nothing."""
+        with pytest.raises(UnitFailure):
+            self.unit.call("getReal", [10**6])
+        if self.unit.description.coSimulation.providesDirectionalDerivative:
+            real = [v for v in self.unit.variables.values() if v.type == "Real"]
+            unknowns = [v.valueReference for v in real if v.causality == "output"]
+            knowns = [v.valueReference for v in real if v.causality == "input"]
+            assert not any(self.unit.call("getDirectionalDerivative", unknowns, knowns, [1.0] * len(knowns)))
 
     def refuse_start(self) -> None:
         """Values that only the end of the initialisation can refuse; then the set-up from before."""
         if self.profile.impossible:
             values = self.profile.impossible[self.rng.integers(len(self.profile.impossible))]
+            self.end_copies()
             self.unit.call("reset")
             self.unit.prepare(**{**self.drawn(self.profile.starts), **values})
             with pytest.raises(UnitFailure), np.errstate(all="ignore"):
                 self.unit.call("exitInitializationMode")
             self.unit.call("reset")
-            begin, self.story = self.story[0], []
+            begin, self.story, self.open = self.story[0], [], []
             self.act(*begin)
 
     def terminate(self) -> None:
+        self.end_copies()
         before = self.unit.everything()
         self.unit.call("terminate")
         np.testing.assert_array_equal(self.unit.everything(), before)
         self.reset()
 
     ACTIONS = ("step", "change", "burst", "save", "restore", "restore_after_reset", "restore_into_initialisation")
-    ACTIONS += ("reset", "refuse", "refuse_start", "terminate")
-    WEIGHTS = (0.36, 0.36, 0.03, 0.08, 0.05, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02)
+    ACTIONS += ("reset", "refuse", "refuse_step", "refuse_start", "look", "terminate")
+    WEIGHTS = (0.34, 0.34, 0.03, 0.08, 0.05, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02)
 
 
-def shown(unit: Loaded) -> Real:
-    """Every value; times of the parts of a loop, which it computes in two ways, without their last digits."""
-    values = unit.everything()
+def part_times(unit: Loaded) -> list[int]:
+    """Positions of the times of a loop's parts, which it computes in two ways."""
     numbers = [n for n, v in unit.variables.items() if v.type != "String"]
-    places = [k for k, name in enumerate(numbers) if name.endswith(".time")]
-    values[places] = values[places].round(12)
-    return values
+    return [k for k, name in enumerate(numbers) if name.endswith(".time")]
 
 
-@cache
-def history(backend: str, unit: str, seed: int) -> tuple[list[str], Real]:
-    """The actions of a history, and every value after each; compared with fresh instances on the way."""
-    folder = native_folder(unit) if backend == "native" else Workshop().folder(unit)
-    rows, names = [], []
+def assert_same(found: Real, expected: Real, times: Sequence[int], where: str) -> None:
+    """Bit for bit, but for the last digits of the times of a loop's parts."""
+    found, expected = found.copy(), expected.copy()
+    np.testing.assert_allclose(found[times], expected[times], rtol=4e-16, atol=1e-12, err_msg=where)
+    found[times] = expected[times] = 0.0
+    np.testing.assert_array_equal(found, expected, err_msg=where)
+
+
+@dataclass(frozen=True)
+class History:
+    """What happened, every value after each action, and what became of copies; `calls` of FMI functions."""
+
+    actions: list[str]
+    rows: Real
+    copies: list[tuple[Case, Real]]
+    times: list[int]
+    calls: int
+
+
+def folder_of(backend: str, unit: str) -> Path:
+    return native_folder(unit) if backend == "native" else Workshop().folder(unit)
+
+
+def live(backend: str, unit: str, seed: int) -> History:
+    """A history; compared with fresh instances on the way."""
+    folder = folder_of(backend, unit)
+    rows, names, calls = [], [], 0
     with loaded(folder) as instance:
-        life = Life(instance, PROFILES[unit], np.random.default_rng(seed))
+        life, times = Life(instance, PROFILES[unit], np.random.default_rng(seed)), part_times(instance)
         life.begin()
         for k in range(LENGTH):
             action = str(life.rng.choice(Life.ACTIONS, p=Life.WEIGHTS))
             getattr(life, action)()
-            rows.append(shown(instance))
+            rows.append(instance.everything())
             names.append(action)
+            calls += 4
             if action not in ("step", "change", "save") or k == LENGTH - 1:
                 with loaded(folder) as fresh:
                     replay(fresh, life.story)
-                    np.testing.assert_array_equal(shown(fresh), rows[-1], err_msg=f"after action {k}, {action}")
-    return names, np.array(rows)
+                    assert_same(fresh.everything(), rows[-1], times, f"seed {seed}, after action {k}, {action}")
+                    calls += len(life.story)
+        life.end_copies()
+    return History(names, np.array(rows), life.copies, times, calls)
+
+
+history = cache(live)
 
 
 BACKENDS = [pytest.param("native", marks=needs_zig), "python"]
@@ -318,19 +375,58 @@ CASES = [
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("backend", "unit"), CASES)
 def test_a_fresh_instance_with_the_same_story_agrees_bit_for_bit(backend: str, unit: str, seed: int) -> None:
-    names, rows = history(backend, unit, seed)
-    assert set(names) >= {"step", "change"}
-    assert np.all(np.isfinite(rows))
+    lived = history(backend, unit, seed)
+    assert set(lived.actions) >= {"step", "change"}
+    assert np.all(np.isfinite(lived.rows))
+
+
+def check_copies(backend: str, unit: str, histories: Sequence[History]) -> int:
+    """All saved states of some histories go on in another process; returns the number of their actions."""
+    copies = [copy for lived in histories for copy in lived.copies]
+    times = histories[0].times
+    results = in_second_process(folder_of(backend, unit), [case for case, _ in copies], workspace() / "copies")
+    for (case, expected), found in zip(copies, results, strict=True):
+        assert_same(found, expected, times, f"a copy at {case[1]} s")
+    return sum(len(since) + 4 for (_, _, since), _ in copies)
+
+
+@pytest.mark.parametrize(("backend", "unit"), CASES)
+def test_a_copy_in_another_process_agrees_bit_for_bit(backend: str, unit: str) -> None:
+    histories = [history(backend, unit, seed) for seed in SEEDS]
+    assert check_copies(backend, unit, histories) > 50
+    assert any(since for lived in histories for (_, _, since), _ in lived.copies)
+
+
+def difference(native: History, python: History) -> float:
+    """The largest of any value between the kernels, relative to the variable's largest."""
+    assert native.actions == python.actions
+    scale = np.abs(python.rows).max(axis=0)
+    return float((np.abs(native.rows - python.rows).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
 
 
 @needs_zig
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("unit", [unit for unit in PROFILES if unit != "BeamClosedLoop"])
 def test_both_kernels_agree_over_a_history(unit: str, seed: int) -> None:
-    (done, native), (same, python) = (history(backend, unit, seed) for backend in ("native", "python"))
-    assert done == same
-    scale = np.abs(python).max(axis=0)
-    worst = (np.abs(native - python).max(axis=0) / np.where(scale > 0, scale, 1.0)).max()
+    assert difference(history("native", unit, seed), history("python", unit, seed)) < 1e-9
+
+
+@needs_zig
+@pytest.mark.timeout(0)
+@pytest.mark.skipif(CALLS == 0, reason="FLEXBEAMS_CALLS is not set")
+@pytest.mark.parametrize("unit", PROFILES)
+def test_as_many_calls_as_wanted(unit: str) -> None:
+    """On instances, fresh ones, copies in another process and the other kernel."""
+    seed, calls, worst = max(SEEDS), 0, 0.0
+    while calls < CALLS:
+        batch = [live("native", unit, seed + k) for k in range(1, 21)]
+        calls += sum(lived.calls for lived in batch) + check_copies("native", unit, batch)
+        if unit != "BeamClosedLoop":
+            others = [live("python", unit, seed + k) for k in range(1, 21)]
+            calls += sum(lived.calls for lived in others)
+            worst = max(worst, *(difference(*pair) for pair in zip(batch, others, strict=True)))
+        seed += 20
+    print(f"{unit}: {seed - max(SEEDS)} histories, {calls} calls, kernels differ by {worst:.1e}")
     assert worst < 1e-9
 
 
@@ -338,9 +434,9 @@ def test_both_kernels_agree_over_a_history(unit: str, seed: int) -> None:
 def test_the_histories_hold_every_action(backend: str, unit: str) -> None:
     """One that never restores would show nothing about it, nor one in which no motion ends."""
     histories = [history(backend, unit, seed) for seed in SEEDS]
-    assert {name for names, _ in histories for name in names} == set(Life.ACTIONS)
+    assert {name for lived in histories for name in lived.actions} == set(Life.ACTIONS)
     if PROFILES[unit].burst:
-        folder = native_folder(unit) if backend == "native" else Workshop().folder(unit)
-        numbers = [v.name for v in read_model_description(folder).modelVariables if v.type != "String"]
-        moving = np.concatenate([rows[:, numbers.index(PROFILES[unit].moving)] for _, rows in histories])
+        variables = read_model_description(folder_of(backend, unit)).modelVariables
+        numbers = [v.name for v in variables if v.type != "String"]
+        moving = np.concatenate([lived.rows[:, numbers.index(PROFILES[unit].moving)] for lived in histories])
         assert np.diff(moving).min() < 0 < np.diff(moving).max()

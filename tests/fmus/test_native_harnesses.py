@@ -52,6 +52,15 @@ def test_life_cycle_under_valgrind(unit: str) -> None:
 
 
 @on_linux
+@needs("clang")
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_instances_in_threads_share_nothing(unit: str) -> None:
+    """Under ThreadSanitizer, with equal values."""
+    program = compiled("threads", unit, "clang", "-O1", "-g", "-fsanitize=thread", "-pthread", small=True)
+    assert run([str(program)]) == "equal\n"
+
+
+@on_linux
 @needs("gcc")
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_nothing_is_allocated_between_instantiation_and_free(unit: str) -> None:
