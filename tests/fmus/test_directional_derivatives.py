@@ -8,7 +8,7 @@ import pytest
 
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import Workshop, design_of
-from tests.native.workshop import NATIVE_UNITS, native_folder
+from tests.native.workshop import native_folder
 from tests.units.loaded import Loaded, Real, loaded
 
 pytestmark = pytest.mark.native
@@ -85,7 +85,7 @@ def differences(unit: Loaded, unknowns: list[int], known: int) -> tuple[Real, fl
     return np.asarray(rows[0]), max(abs(before), 20 * widest)
 
 
-@pytest.mark.parametrize("unit", NATIVE_UNITS)
+@pytest.mark.parametrize("unit", POINT)
 def test_differences_of_first_outputs(unit: str) -> None:
     """For every input and Real parameter, as relative changes: 1e-10 of the largest value of each array of outputs."""
     with loaded(native_folder(unit)) as one:
@@ -149,7 +149,7 @@ def test_feedforward_and_controller_by_their_matrices() -> None:
         np.testing.assert_allclose(found[4:], expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("unit", NATIVE_UNITS)
+@pytest.mark.parametrize("unit", POINT)
 def test_outputs_follow_states_once_initialised(unit: str) -> None:
     """In step mode a new input changes no output before the next step, and the derivatives say so."""
     with loaded(native_folder(unit)) as one:
@@ -171,7 +171,7 @@ def test_outputs_follow_states_once_initialised(unit: str) -> None:
         assert not jacobian(one, unknowns, knowns).any()
 
 
-@pytest.mark.parametrize("unit", NATIVE_UNITS)
+@pytest.mark.parametrize("unit", POINT)
 def test_derivatives_agree_with_the_dependencies_that_the_unit_declares(unit: str) -> None:
     """A derivative that is not zero belongs to a dependency, in each mode."""
     folder = native_folder(unit)

@@ -100,7 +100,15 @@ def units(emulators: dict[str, Emulator]) -> dict[str, Path]:
     return {file.stem: Path(fmpy.extract(str(file), str(file.with_suffix("")))) for file in folder.glob("*.fmu")}
 
 
-def trace(emulator: Emulator, name: str, unit: Path, state: Path, *more: str) -> Array:
+@dataclass(frozen=True)
+class Steps:
+    """Start time and lengths of steps that take turns, s."""
+
+    start: float = 0.0
+    lengths: tuple[float, ...] = (2e-4,)
+
+
+def trace(emulator: Emulator, name: str, unit: Path, state: Path, steps: Steps, *more: str) -> Array:
     """What run_library prints for a unit's library: a row of all Real variables after every 50th step."""
     description = fmpy.read_model_description(unit, validate=False)
     inputs = [v.valueReference for v in description.modelVariables if v.causality == "input"]
@@ -108,17 +116,29 @@ def trace(emulator: Emulator, name: str, unit: Path, state: Path, *more: str) ->
     listed = [",".join(map(str, references)) for references in (inputs, reals)]
     library = next(((native_folder(unit.name) if name == HERE else unit) / "binaries" / name).iterdir())
     program = str(unit.parent / f"{name}.exe")
-    arguments = (description.guid, str(STEPS), "2e-4", *listed, emulator.path(state), *more)
+    lengths = ",".join(map(repr, steps.lengths))
+    arguments = (description.guid, str(STEPS), lengths, *listed, repr(steps.start), emulator.path(state), *more)
     text = emulator.run(program, emulator.path(library), *arguments)
     return np.array([line.split() for line in text.splitlines()], dtype=float)
 
 
+MIXED = (2e-4, 7e-5, 1e-3, 3.3e-4)
+
+
 @needs_zig
-@pytest.mark.parametrize("name", ["aarch64-linux", "x86_64-windows"])
+@pytest.mark.parametrize(
+    ("name", "steps"),
+    [
+        ("aarch64-linux", Steps()),
+        ("aarch64-linux", Steps(-1e9, MIXED)),
+        ("aarch64-linux", Steps(2e9, MIXED)),
+        ("x86_64-windows", Steps()),
+    ],
+)
 def test_values_and_states_are_those_of_x86_linux(
-    name: str, emulators: dict[str, Emulator], units: dict[str, Path]
+    name: str, steps: Steps, emulators: dict[str, Emulator], units: dict[str, Path]
 ) -> None:
-    """Of each unit and of the closed loop, also from the other platform's state halfway."""
+    """Of each unit and of the closed loop, also from the other platform's state halfway, in a process of its own."""
     if name not in emulators:
         pytest.skip(
             "Wine is missing or does not start"
@@ -128,33 +148,72 @@ def test_values_and_states_are_those_of_x86_linux(
     assert sorted(units) == sorted(NATIVE_UNITS)
     for unit, folder in units.items():
         states = {platform: folder / f"{platform}.state" for platform in (HERE, name)}
-        here = trace(emulators[HERE], HERE, folder, states[HERE])
-        there = trace(emulators[name], name, folder, states[name])
+        here = trace(emulators[HERE], HERE, folder, states[HERE], steps)
+        there = trace(emulators[name], name, folder, states[name], steps)
         assert here.shape[0] == STEPS // 50
         assert states[HERE].stat().st_size == states[name].stat().st_size
-        taken_over = trace(emulators[name], name, folder, states[HERE], "load")
-        given_away = trace(emulators[HERE], HERE, folder, states[name], "load")
+        np.testing.assert_array_equal(
+            trace(emulators[HERE], HERE, folder, states[HERE], steps, "load"), here[len(here) // 2 :]
+        )
+        taken_over = trace(emulators[name], name, folder, states[HERE], steps, "load")
+        given_away = trace(emulators[HERE], HERE, folder, states[name], steps, "load")
         largest = np.maximum(np.max(np.abs(here), axis=0), 1e-300)
         assert np.max(largest) > 1e-6
         differences = [np.max(np.abs(there - here) / largest)]
         differences += [np.max(np.abs(part - here[-len(part) :]) / largest) for part in (taken_over, given_away)]
         assert len(taken_over) == len(given_away) == STEPS // 100
-        print(unit, name, *(f"{difference:.1e}" for difference in differences))
+        print(unit, name, steps.start, *(f"{difference:.1e}" for difference in differences))
         assert max(differences) <= TOLERANCE, unit
 
 
+# Of CPUs without a library of their own: the emulator for programs of the target of zig
+CPUS = {"x86-linux-musl": "qemu-i386", "riscv64-linux-musl": "qemu-riscv64"}
+
+
+def linked_trace(unit: str, target: str, emulator: Sequence[str], steps: Steps) -> Array:
+    """What run_library prints for a unit that is linked into it."""
+    folder = native_folder(unit)
+    description = fmpy.read_model_description(folder, validate=False)
+    inputs, reals = (
+        ",".join(str(v.valueReference) for v in description.modelVariables if chosen(v))
+        for chosen in (lambda v: v.causality == "input", lambda v: v.type == "Real")
+    )
+    program = workspace() / f"linked-{unit}-{target}"
+    sources = [str(HARNESSES / "run_library.c"), str(folder / "sources" / f"{unit}.c")]
+    flags = ["-DLINKED", "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-O2", *STRICT, f"-I{HEADERS}", "-static"]
+    run([*ZIG, "-target", target, "-mcpu=baseline", *flags, *sources, "-o", str(program), "-lm"])
+    lengths, state = ",".join(map(repr, steps.lengths)), str(workspace() / "linked.state")
+    arguments = ["-", description.guid, str(STEPS), lengths, inputs, reals, repr(steps.start), state]
+    text = run([*emulator, str(program), *arguments])
+    return np.array([line.split() for line in text.splitlines()], dtype=float)
+
+
 @needs_zig
-@pytest.mark.parametrize("name", ["aarch64-linux", "x86_64-windows", "aarch64-darwin"])
-def test_sources_have_no_warning(name: str, tmp_path: Path) -> None:
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("target", CPUS)
+@pytest.mark.parametrize("unit", NATIVE_UNITS)
+def test_values_on_other_cpus(target: str, unit: str) -> None:
+    """32-bit x86 and 64-bit RISC-V: within 1e-12 of each signal's largest value."""
+    if shutil.which(CPUS[target]) is None:
+        pytest.skip("not installed: qemu-user")
+    steps = Steps(1.7e9, MIXED)
+    here = linked_trace(unit, "x86_64-linux-musl", (), steps)
+    there = linked_trace(unit, target, (CPUS[target],), steps)
+    assert np.ptp(here, axis=0).max() > 0
+    largest = np.maximum(np.max(np.abs(here), axis=0), 1e-300)
+    print(unit, target, f"{np.max(np.abs(there - here) / largest):.1e}")
+    assert np.max(np.abs(there - here) / largest) <= TOLERANCE
+
+
+@needs_zig
+@pytest.mark.parametrize(
+    "target",
+    [
+        *(PLATFORMS[name].target for name in ("aarch64-linux", "x86_64-windows", "aarch64-darwin")),
+        *CPUS,
+    ],
+)
+def test_sources_have_no_warning(target: str, tmp_path: Path) -> None:
     for unit in NATIVE_UNITS:
-        command = [
-            *ZIG,
-            "-target",
-            PLATFORMS[name].target,
-            *STRICT,
-            "-O0",
-            f"-I{HEADERS}",
-            "-c",
-            str(source_file(unit)),
-        ]
-        run([*command, "-o", str(tmp_path / "unit.o")])
+        files = [f"-I{HEADERS}", "-c", str(source_file(unit))]
+        run([*ZIG, "-target", target, *STRICT, "-O0", *files, "-o", str(tmp_path / "unit.o")])

@@ -47,11 +47,12 @@ static void write_shortest(char *number, double value)
     use_point(number);
 }
 
-/* As printf with %.<digits>f or %.<digits>g. */
-static void write_rounded(char *number, double value, char style, int digits)
+/* As printf with %.<digits>f or %.<digits>g, of at most 17 digits. */
+static void write_rounded(char *number, double value, char style, int wanted)
 {
     if (write_special(number, value))
         return;
+    const int digits = wanted < 17 ? wanted : 17;
     if (style == 'f' && fabs(value) < 1e15)
         snprintf(number, NUMBER_SIZE, "%.*f", digits, value);
     else
