@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from flexbeams.scenarios.api.identifications import identify
     from flexbeams.scenarios.api.runs import load, run
     from flexbeams.scenarios.api.simulations import simulation
+    from flexbeams.scenarios.api.studies import study
     from flexbeams.scenarios.api.units import build
 
     __version__: str
@@ -31,6 +32,7 @@ __all__ = [
     "run",
     "simulation",
     "structure",
+    "study",
 ]
 
 _MODULES = {
@@ -44,6 +46,7 @@ _MODULES = {
     "run": "flexbeams.scenarios.api.runs",
     "simulation": "flexbeams.scenarios.api.simulations",
     "structure": "flexbeams.scenarios.api.designs",
+    "study": "flexbeams.scenarios.api.studies",
 }
 _ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 if os.path.isfile(os.path.join(_ROOT, "plant", "galerkin.py")):  # a checkout: its own folders, whatever else there is

@@ -36,6 +36,8 @@ def _part(context: click.Context, parameter: click.Parameter, text: str | None) 
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results. [default: studies/NAME]"
 )
+@click.option("--full", type=click.IntRange(0), metavar="N", help="Make the report of run N alone, in OUT/runs/N.")
+@click.option("--no-report", is_flag=True, help="Write no study.html, and no reports of the worst runs.")
 @click.option(
     "--backend", type=click.Choice(list(BACKENDS)), default="native", show_default=True, help="Kernel of the units."
 )
@@ -53,23 +55,29 @@ def study(
     scheduler: str | None,
     part: tuple[int, int],
     out: Path | None,
+    full: int | None,
+    no_report: bool,
     no_batch: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
     """Run a scenario many times with other parameters, and say what matters.
 
-    A study file names what varies. Results go to Parquet files in OUT/data, one row a run. The same command goes on
-    with a study that was interrupted or killed. Shipped studies: `flexbeams list`.
+    A study file names what varies. Results go to Parquet files in OUT/data, one row a run, and to OUT/study.html. The
+    same command goes on with a study that was interrupted or killed. Shipped studies: `flexbeams list`.
     """
     from flexbeams.scenarios.cli.study_tables import show_study, study_progress
     from flexbeams.scenarios.studies.dataset import require_parquet
+    from flexbeams.scenarios.studies.pages import write_full_run, write_pages
     from flexbeams.scenarios.studies.summary import study_summary
 
     require_parquet()
     if scheduler is not None and jobs is not None:
         raise click.UsageError("--jobs is for processes of this machine, --scheduler for a cluster")
     planned = _planned(name, out, options, runs=runs, method=method, seed=seed, batch=not no_batch)
+    if full is not None:
+        note(f"{write_full_run(planned.plan, full, planned.folder)} written")
+        return 0
     with study_progress() as progress:
         finished = planned.run(_workers(jobs, scheduler), part=part, notify=note, progress=progress)
     if not finished:
@@ -81,6 +89,8 @@ def study(
         note(f"part {part[0]} of {part[1]} is done; {left} runs of other parts are missing")
         return 0
     summary = study_summary(planned.plan, results)
+    if not no_report:
+        write_pages(planned.plan, results, summary, planned.folder, note)
     if as_json:
         click.echo(json.dumps(summary, indent=2))
     else:

@@ -2,6 +2,10 @@
 
 from typing import Any
 
+import numpy as np
+
+from flexbeams.plant.basis import Array
+
 _SCALES = {"m": ("mm", 1e3), "s": ("s", 1.0), "V": ("V", 1.0), "%": ("%", 1.0), "": ("", 1.0)}
 
 
@@ -15,6 +19,14 @@ def number(value: float | str | None, unit: str) -> str:
     if unit == "m" and 0 < abs(value) < 1e-4:
         unit_name, factor = "µm", 1e6
     return f"{value * factor:.4g} {unit_name}".strip()
+
+
+def display_unit(unit: str, values: Array) -> tuple[str, float]:
+    """The unit in which values are displayed, and the factor from SI to it."""
+    name, factor = _SCALES.get(unit, (unit, 1.0))
+    if unit == "m" and 0 < np.max(np.abs(values[np.isfinite(values)]), initial=0.0) < 1e-4:
+        return "µm", 1e6
+    return name, factor
 
 
 def limits(least: float | None, largest: float | None, unit: str) -> str:

@@ -196,22 +196,24 @@ class StudyRun:
 
 
 class Clock:
-    """Rate and remaining time of a study, from the runs of this process."""
+    """Rate and remaining time of a study, from the first answer on: builds and the start of workers do not count."""
 
     def __init__(self) -> None:
-        self._begin, self._first, self._start = time.monotonic(), -1, -1
+        self._begin, self._first, self._start = 0.0, -1, -1
 
     def text(self, done: int, total: int) -> str:
         """How far it is, in words."""
-        if self._first < 0 or done == self._start:
+        if self._start < 0:
+            self._start = done
+        if self._first < 0 and done > self._start:
             self._begin, self._first = time.monotonic(), done
-            self._start = done if self._start < 0 else self._start
-        seconds, new = time.monotonic() - self._begin, done - self._first
-        if new <= 0 or seconds <= 0:
+        new = done - self._first
+        seconds = time.monotonic() - self._begin
+        if self._first < 0 or new <= 0 or seconds <= 0:
             return f"{done} of {total} runs"
         rate = new / seconds
-        left = (total - done) / rate
-        return f"{done} of {total} runs, {rate:.3g} a second, {duration(left)} left"
+        left = f", {duration((total - done) / rate)} left" if done < total else ""
+        return f"{done} of {total} runs, {rate:.3g} a second{left}"
 
 
 def duration(seconds: float) -> str:

@@ -3,6 +3,9 @@
 import json
 import multiprocessing
 import signal
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -14,14 +17,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import flexbeams as fb
+from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.study_file import load_study
+from flexbeams.scenarios.processes.cluster import cluster_workers
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.studies.dataset import Results
 from flexbeams.scenarios.studies.planning import StudyPlan, plan_study
-from flexbeams.scenarios.studies.study import Study, Workers, local_workers
-from tests.helpers import PUSHED_SCENARIO, command
+from flexbeams.scenarios.studies.study import Study, Workers, cluster, local_workers
+from tests.helpers import PUSHED_SCENARIO, command, python_environment
 
 pytestmark = pytest.mark.native
 pytest.importorskip("pyarrow")
@@ -272,6 +278,81 @@ def test_a_lost_worker_is_replaced(study_file: Callable[..., Path], tmp_path: Pa
     assert study.run(local_workers(1), progress=progress)
     assert killed
     assert np.array_equal(study.results().measures, finished(plan, tmp_path / "anew").measures)
+
+
+@pytest.mark.slow
+def test_dask_gives_the_same_bits(study_file: Callable[..., Path], tmp_path: Path) -> None:
+    """Two worker processes, each in a folder of its own with nothing in its cache."""
+    pytest.importorskip("distributed")
+    path, port = study_file(), free_port()
+    plan, address = planned(path), f"tcp://127.0.0.1:{port}"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port)]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"]
+    processes = []
+    try:
+        processes.append(subprocess.Popen([*scheduler, "--no-dashboard"], cwd=tmp_path, **quiet))  # type: ignore[call-overload]
+        for name in ("one", "two"):
+            (tmp_path / name).mkdir()
+            environment = python_environment(FLEXBEAMS_CACHE=str(tmp_path / name / "cache"))
+            processes.append(
+                subprocess.Popen(  # type: ignore[call-overload]
+                    [*worker, "--no-nanny"], cwd=tmp_path / name, env=environment, **quiet
+                )
+            )
+        for _ in range(300):
+            try:
+                if cluster_workers(address) == 2:
+                    break
+            except InputError:
+                time.sleep(0.2)
+        found = finished(plan, tmp_path / "out", cluster(address))
+        assert np.array_equal(found.measures, finished(plan, tmp_path / "here").measures)
+        processes[0].kill()
+        with pytest.raises(InputError, match="--scheduler cannot be reached"):
+            cluster(address)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_failed_runs_come_first_on_the_page(study_file: Callable[..., Path], tmp_path: Path) -> None:
+    path = study_file((GAIN, 'name = "controller.strain_limit"\nvalues = [1e-9, 0.1]'), ("runs = 12", "runs = 40"))
+    study = fb.study(path, folder=tmp_path / "out", executor=Here())
+    page = study.report().read_text(encoding="utf-8")
+    assert f"40 runs, {len(study.failed)} failed" in page
+    assert 15 < len(study.failed) < 25
+    assert page.index("Failed runs") < page.index("Distributions") < page.index("Worst runs")
+    assert all("beyond strain_limit" in reason for reason in study.failed.values())
+    worst = study.worst("voltage", 2)
+    assert study["voltage"][worst[0]] == np.nanmax(study["voltage"])
+    for number in worst:
+        assert f'href="runs/{number}/report.html"' in page
+        assert (tmp_path / "out/runs" / str(number) / "report.html").is_file()
+    assert study.run(worst[0]).summary["metrics"]["voltage"] == study["voltage"][worst[0]]
+    assert study.sensitivity("voltage").left_out == len(study.failed)
+    assert study.table.column_names == ["run", *study.inputs, *study.measures, "failure"]
+    with pytest.raises(fb.FlexbeamsError, match="did you mean 'voltage'"):
+        study.worst("voltge")
+
+
+def test_signals_are_kept_at_their_rate(study_file: Callable[..., Path], tmp_path: Path) -> None:
+    import pyarrow.parquet
+
+    path = study_file(("seed = 3", 'seed = 3\nsignals = { record = ["plant.y_pi"], interval = 1e-3 }'))
+    study = fb.study(path, folder=tmp_path / "out", executor=Here(), runs=2)
+    table = pyarrow.parquet.read_table(tmp_path / "out/data")
+    kept = table.column("plant.y_pi[1]").to_pylist()[table.column("run").to_pylist().index(1)]
+    recording = study.run(1).recording
+    assert kept == recording.values[::5, recording.columns.index("plant.y_pi[1]")].tolist()
+    assert len(kept) == 61
 
 
 def test_the_command_prints_json(

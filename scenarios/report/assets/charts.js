@@ -44,10 +44,26 @@ function drawChart(place, chart, height = 230) {
     series: [{}, ...chart.curves.map(curve => ({
       label: curve.label, stroke: () => colour(`curve-${curve.colour}`), width: 1.4, spanGaps: !chart.points,
       dash: curve.dashed ? [6, 4] : undefined,
+      ...(chart.fill ? {fill: () => colour(`curve-${curve.colour}`) + "40"} : {}),
       ...(chart.points
         ? {paths: () => null, points: {show: true, size: 7, fill: () => "transparent", stroke: () => colour(`curve-${curve.colour}`)}}
         : {points: {show: false}})}))],
     hooks: {
+      draw: [u => {   // marks, such as limits, where they are within the chart
+        for (const mark of chart.marks ?? []) {
+          const at = u.valToPos(mark, "x", true), {ctx, bbox} = u;
+          if (!(at >= bbox.left && at <= bbox.left + bbox.width)) continue;
+          ctx.save();
+          ctx.strokeStyle = colour("bad");
+          ctx.lineWidth = 1.5 * devicePixelRatio;
+          ctx.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
+          ctx.beginPath();
+          ctx.moveTo(at, bbox.top);
+          ctx.lineTo(at, bbox.top + bbox.height);
+          ctx.stroke();
+          ctx.restore();
+        }
+      }],
       setCursor: [u => {
         const row = u.cursor.idx;
         if (position) position.textContent = row == null ? "" : `${chart.x.short ?? chart.x.label}: ${short(u.data[0][row])}`;
