@@ -32,6 +32,7 @@ def compute(structure: Structure, options: DesignOptions) -> Design:
         model = beam_model(structure, options.basis, options.basis_order)
     except InputError as error:
         raise DesignError(str(error)) from None
+    options.voltage_limits(len(structure.patch))
     system = model.assemble()
     reduced = reduced_with(model, system, options, options.reduced_modes)
     warnings = sampling_warnings(reduced, options, partial(reduced_with, model, system, options))
@@ -56,6 +57,7 @@ def compute(structure: Structure, options: DesignOptions) -> Design:
         **reach.figures(),
         "flatness_cancellation": cancellation,
         "warnings": [
+            *options.limit_warnings(),
             *structure_warnings(model, system),
             *reach.warnings(nearest=options.targets == "nearest"),
             *warnings,

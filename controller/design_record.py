@@ -14,6 +14,8 @@ from flexbeams.plant.structure import Structure
 
 METHOD = 2  # version of the method; raised by every change that changes a design beyond rounding
 
+_OWN_LIMITS = ("voltage_min", "voltage_max")  # count where they are given: designs without them keep their ids
+
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
@@ -51,7 +53,9 @@ def identify(
     equal singular values they do not, and a fingerprint of `arrays` follows the hash. Static maps from a file count by
     their contents.
     """
-    choices = asdict(options)
+    choices = {
+        name: choice for name, choice in asdict(options).items() if name not in _OWN_LIMITS or choice is not None
+    }
     if options.static_maps not in ("basis", "segment"):
         choices["static_maps"] = fingerprint({name: arrays[name] for name in ("D_pi", "D_pm", "static_inverse")})
     parts = asdict(structure)

@@ -4,15 +4,19 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from flexbeams.controller.choices import OutputWeight
 from flexbeams.controller.transition import LOWEST_ORDER
+from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.plant.choices import BasisName
-from flexbeams.plant.errors import InputError
+from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import DEFAULT_ORDER
 from flexbeams.plant.validation import STRICT, Index, NonNegative, Positive
+
+NonPositive = Annotated[float, Field(le=0, strict=True, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
@@ -54,7 +58,9 @@ class DesignOptions:
     sample_time: Positive = 2e-4  # s
     transition_time: Annotated[float, Field(ge=1e-3, le=1e4, strict=True)] = 0.9  # s, as the unit's bounds
     gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9
-    voltage_limit: Positive = 1000.0  # V
+    voltage_limit: Positive = 1000.0  # V, of all magnitudes
+    voltage_min: list[NonPositive] | None = None  # V, of each pair, where it is above -voltage_limit
+    voltage_max: list[NonNegative] | None = None  # V, of each pair, where it is below voltage_limit
     # k_I of (45) a sample of 0.2 ms; default: 1e-4, but at most a third of the largest stable gain; offset-free: 0
     integral_gain: Annotated[float, Field(ge=0, strict=True, allow_inf_nan=False)] | None = None
     verify: Literal["exact", "design"] = "exact"  # plants on which the closed loop must be stable: also the exact one
@@ -81,3 +87,23 @@ class DesignOptions:
     def balanced_norm(self) -> OutputWeight:
         """Output weight of the balanced truncation, with the default of the basis."""
         return self.output_weight or ("energy" if self.basis == "segment" else "identity")
+
+    def voltage_limits(self, pairs: int) -> VoltageLimits:
+        """The limits of each of so many pairs; DesignError for lists that have not one entry for each."""
+        own = {"voltage_min": self.voltage_min, "voltage_max": self.voltage_max}
+        for name, values in own.items():
+            if values is not None and len(values) != pairs:
+                raise DesignError(f"{name} must have {pairs} values, one for each patch pair, got {len(values)}")
+        minimum = np.full(pairs, -np.inf) if self.voltage_min is None else np.array(self.voltage_min)
+        maximum = np.full(pairs, np.inf) if self.voltage_max is None else np.array(self.voltage_max)
+        return VoltageLimits.joined(self.voltage_limit, minimum, maximum)
+
+    def limit_warnings(self) -> list[str]:
+        """Lines about limits of a pair that are wider than that of all."""
+        own = {"voltage_min": self.voltage_min or [], "voltage_max": self.voltage_max or []}
+        return [
+            f"{name}[{k}] = {value:g} V has no effect: voltage_limit is {self.voltage_limit:g} V"
+            for name, values in own.items()
+            for k, value in enumerate(values, 1)
+            if abs(value) > self.voltage_limit
+        ]

@@ -95,14 +95,13 @@ def feedforward_plan(design: Design, starts: list[float], targets: Array, reques
     """The motion from rest at 0 through targets (i, n_pi) set at `starts` (s), without those that are refused."""
     arrays = design.arrays
     inverse, shapes = arrays["static_inverse"], InputShapes(times=arrays["shape_times"], values=arrays["shape_values"])
+    limits = design.options.voltage_limits(len(inverse))
     motion = PendingTransitions(
         offset=np.zeros(len(inverse)), starts=np.zeros(0), durations=np.zeros(0), changes=np.zeros((0, len(inverse)))
     )
     for start, target in zip(starts, targets, strict=True):
         change = inverse @ target - motion.changes.sum(axis=0)
-        plan = plan_transition(
-            motion, shapes, now=start, change=change, requested=requested, limit=design.options.voltage_limit
-        )
+        plan = plan_transition(motion, shapes, now=start, change=change, requested=requested, limit=limits)
         if plan.duration > 0:
             motion = motion.with_transition(start, plan.duration, change)
     return motion

@@ -1,5 +1,7 @@
 """Reference results of TrackingController: (42) to (45) one after the other, where the kernels have few matrices."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import null_space
 
@@ -58,37 +60,38 @@ def controller_response(
         a[n] for n in ("A_d", "B_d", "H_pm", "D_pm", "estimator_gain", "feedback_gain", "static_inverse")
     )
     gain = design.integral_gain if integral_gain is None else integral_gain
-    limit = options.voltage_limit if voltage_limit is None else voltage_limit
+    limits = (options if voltage_limit is None else replace(options, voltage_limit=voltage_limit)).voltage_limits(
+        len(G)
+    )
     n_u, n_pm = B.shape[1], len(H)
     y_pm, u_ff, x_ref = inputs[:, :n_pm], inputs[:, n_pm : n_pm + n_u], inputs[:, n_pm + n_u :]
     W, rate = a.get("offset_map", np.zeros((len(a["H_pi"]), n_pm))), a.get("offset_gain", np.zeros(n_pm))
     x, integral, wanted, d = x_ref[0], np.zeros(n_u), u_ff[0], np.zeros(n_pm)
     rows = []
     for k in range(len(inputs)):
-        u = np.clip(wanted, -limit, limit)
-        rows.append(np.concatenate([u, a["H_pi"] @ x + a["D_pi"] @ u + W @ d, [np.any(np.abs(wanted) > limit)]]))
+        u = np.clip(wanted, limits.lowest, limits.highest)
+        rows.append(np.concatenate([u, a["H_pi"] @ x + a["D_pi"] @ u + W @ d, [np.any(wanted != u)]]))
         innovation = y_pm[k] - H @ x - D @ u - d
         x_next = A @ x + B @ u + L @ innovation
         d = d + rate * innovation
         du = -G @ (W @ d)
         error = a["H_pi"] @ (x_ref[k] - x_next) + a["D_pi"] @ (u_ff[k] - u) - W @ d
         wanted = u_ff[k] + du + K @ (x_ref[k] + np.linalg.solve(np.eye(len(A)) - A, B @ du) - x_next) + integral
-        integral = integral + _growth_without_windup(
-            G, gain * (G @ error), np.where(np.abs(wanted) > limit, wanted, 0.0)
-        )
+        excess = wanted - np.clip(wanted, limits.lowest, limits.highest)
+        integral = integral + _growth_without_windup(G, gain * (G @ error), excess)
         x = x_next
     return np.array(rows)
 
 
-def _growth_without_windup(G: Array, growth: Array, beyond: Array) -> Array:
+def _growth_without_windup(G: Array, growth: Array, excess: Array) -> Array:
     """The growth G a nearest to the given one that is zero in every pair that it drives further out.
 
-    `beyond` (n_u,) are voltages beyond their limits, others 0. Pairs are held one after the other, from the first on.
+    `excess` (n_u,) is how far voltages are beyond their limits. Pairs are held one after the other, from the first on.
     """
     kept, held = growth, np.zeros(len(growth), dtype=bool)
     directions, sigma, _ = np.linalg.svd(G)
     basis = directions[:, : np.count_nonzero(sigma > 1e-9 * max(sigma[0], np.finfo(float).tiny))]
-    while (winding := ~held & (beyond * kept > 0)).any():
+    while (winding := ~held & (excess * kept > 0)).any():
         held[int(np.argmax(winding))] = True
         free = basis @ null_space(basis[held])
         kept = np.where(held, 0.0, free @ (free.T @ growth))

@@ -12,10 +12,10 @@ VOLTAGE_LIMITS = ("voltage_limit", "voltage_min", "voltage_max")  # arrays that 
 def voltage_limits(design: Design, limited: str) -> tuple[Variable, ...]:
     """voltage_limit, voltage_min[k] and voltage_max[k] of what is `limited`, such as "output voltages".
 
-    By default the design's limit holds alone: those of a pair start beyond it, at the ends of the plausible range.
-    Zero, the voltage of beams at rest, is always within.
+    Where the design has none for each pair, its voltage_limit holds alone: those of a pair start beyond it, at the ends
+    of the plausible range. Zero, the voltage of beams at rest, is always within.
     """
-    limit, widest = design.options.voltage_limit, voltage_range(design)
+    options, limit, widest = design.options, design.options.voltage_limit, voltage_range(design)
     common: dict[str, Any] = {"causality": "parameter", "variability": "tunable", "unit": "V", "nominal": limit}
     pairs = design.arrays["B_d"].shape[1]
     return (
@@ -30,7 +30,7 @@ def voltage_limits(design: Design, limited: str) -> tuple[Variable, ...]:
         *array(
             "voltage_min",
             pairs,
-            start=widest["minimum"],
+            start=options.voltage_min or widest["minimum"],
             maximum=0.0,
             description=f"Lowest of the {limited} of patch pair {{}}, where above -voltage_limit",
             **common,
@@ -38,7 +38,7 @@ def voltage_limits(design: Design, limited: str) -> tuple[Variable, ...]:
         *array(
             "voltage_max",
             pairs,
-            start=widest["maximum"],
+            start=options.voltage_max or widest["maximum"],
             minimum=0.0,
             description=f"Highest of the {limited} of patch pair {{}}, where below voltage_limit",
             **common,

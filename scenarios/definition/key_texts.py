@@ -189,6 +189,8 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "transition_time": ("s", "Duration of a transition."),
         "gevrey_order": ("", "Smoothness of a transition, below 2."),
         "voltage_limit": ("V", "Largest voltage that the feedforward plans with and the controller puts out."),
+        "voltage_min": ("V", "Lowest voltage of each pair, <= 0; default: -voltage_limit."),
+        "voltage_max": ("V", "Highest voltage of each pair; default: voltage_limit."),
         "integral_gain": ("", "k_I of (45); default: 1e-4, at most a third of the largest stable one."),
         "verify": ("", "Plants on which the closed loop must be stable."),
         "weights": ("", "Weights of filter and regulator."),

@@ -53,7 +53,8 @@ def note_limits(
                 differing.append(f"{one}.{limit} is {values[0]:g} V, {other}.{limit} {values[1]:g} V")
         if differing:
             more = f" (and {len(differing) - 1} more)" if len(differing) > 1 else ""
-            notify(f"{differing[0]}{more}: set one limit for both, or design.{LIMIT} for all units")
+            key = differing[0].split(" ")[0].partition(".")[2].partition("[")[0]
+            notify(f"{differing[0]}{more}: set one limit for both, or design.{key} for all units")
 
 
 def _limits(variables: Mapping[str, Any]) -> list[str]:

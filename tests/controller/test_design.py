@@ -173,6 +173,8 @@ def test_id_depends_on_every_option() -> None:
         "transition_time": 0.8,
         "gevrey_order": 1.8,
         "voltage_limit": 900.0,
+        "voltage_min": [-900.0, -500.0, -500.0, -500.0],
+        "voltage_max": [900.0, 500.0, 500.0, 0.0],
         "integral_gain": 2e-5,
         "verify": "design",
         "weights": Weights(lqr_input=0.02),

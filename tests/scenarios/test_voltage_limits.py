@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.runs.prepare import prepare_scenario
+from flexbeams.scenarios.runs.prepare import PreparedScenario, prepare_scenario
 from flexbeams.scenarios.runs.voltage_limits import voltage_limits_of
 from tests.helpers import PUSHED_SCENARIO
 
@@ -55,7 +56,7 @@ def notes(write_scenario: Callable[[str, str], Path]) -> Callable[..., list[str]
             {"feedforward.voltage_min": [-300.0]},
             'start."voltage_min[1]" = -400.0\n',
             "feedforward.voltage_min[1] is -300 V, controller.voltage_min[1] -400 V: set one limit for both, or "
-            "design.voltage_limit for all units",
+            "design.voltage_min for all units",
         ),
     ],
 )
@@ -70,7 +71,7 @@ def test_equal_limits_are_not(notes: Callable[..., list[str]]) -> None:
     assert notes({}) == []
     assert notes({"feedforward.voltage_limit": 500.0, "controller.voltage_limit": 500.0}) == []
     assert notes({"feedforward.voltage_max": 500.0}, "start.voltage_max = [500.0]\n") == []
-    assert notes({}, design="design.voltage_limit = 700.0\n") == []
+    assert notes({}, design="design.voltage_limit = 700.0\ndesign.voltage_max = [300.0]\n") == []
 
 
 def test_a_limit_of_a_pair_beyond_that_of_all_has_no_effect(notes: Callable[..., list[str]]) -> None:
@@ -78,6 +79,9 @@ def test_a_limit_of_a_pair_beyond_that_of_all_has_no_effect(notes: Callable[...,
     assert notes(both) == [
         f"{name}.voltage_max[1] = 1500 V has no effect: {name}.voltage_limit is 1000 V"
         for name in ("feedforward", "controller")
+    ]
+    assert notes({}, design="design.voltage_max = [1500.0]\n") == [
+        "design: voltage_max[1] = 1500 V has no effect: voltage_limit is 1000 V"
     ]
     assert notes(both | {"feedforward.voltage_limit": 1500.0, "controller.voltage_limit": 1500.0}) == []
 
@@ -89,3 +93,22 @@ def test_limits_that_a_run_starts_with(write_scenario: Callable[[str, str], Path
     np.testing.assert_array_equal([limits.lowest, limits.highest], [[-200.0], [800.0]])
     limits = voltage_limits_of(prepared.declarations["feedforward"].variables, prepared.starts["feedforward"])
     np.testing.assert_array_equal([limits.lowest, limits.highest], [[-1000.0], [1000.0]])
+
+
+def test_limits_of_the_design(write_scenario: Callable[[str, str], Path]) -> None:
+    """Both units start with them, and so does the check of targets; one for each pair, no more."""
+    text = "design.voltage_min = [-30.0]\ndesign.voltage_max = [400.0]\n" + TEXT
+
+    def prepared(content: str) -> PreparedScenario:
+        return prepare_scenario(load_scenario(write_scenario("s", content)), Settings())
+
+    with pytest.raises(InputError, match=r"patch pair 1 would need -\d\d\.\d V at rest, voltage_min\[1\] is -30 V"):
+        prepared(text)
+    run = prepared(text.replace("-30.0", "-50.0"))
+    for name in ("feedforward", "controller"):
+        limits = voltage_limits_of(run.declarations[name].variables, run.starts[name])
+        np.testing.assert_array_equal([limits.lowest, limits.highest], [[-50.0], [400.0]])
+    with pytest.raises(DesignError, match="voltage_max must have 1 values, one for each patch pair, got 2"):
+        prepared(text.replace("[400.0]", "[400.0, 400.0]"))
+    with pytest.raises(InputError, match=r"design\.voltage_min\[1\] must be <= 0"):
+        prepared(text.replace("-30.0", "30.0"))
