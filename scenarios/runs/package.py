@@ -106,7 +106,8 @@ def prepare_package(
     extracted: ExtractedPackage, settings: Settings, notify: Callable[[str], None] = ignore_note
 ) -> PreparedRun:
     """Prepares the run of a package: names, sizes and values are checked."""
-    for option, value in (("--structure", settings.structure), ("--basis", settings.basis)):
+    given = {"--structure": settings.structure, "--basis": settings.basis, "design": settings.design or None}
+    for option, value in given.items():
         if value is not None:
             raise InputError(option, "belongs to scenarios, the units of a package are built", value)
     package, descriptions, source = extracted.package, extracted.descriptions, str(extracted.file)

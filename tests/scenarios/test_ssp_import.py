@@ -11,6 +11,7 @@ import fmpy
 import numpy as np
 import pytest
 
+import flexbeams as fb
 from flexbeams.fmus.packaging.python import build_python_units
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
@@ -362,6 +363,13 @@ def test_options_of_a_run_hold_for_packages(shop: Shop, capsys: pytest.CaptureFi
     ):
         assert main(["run", str(shop.package), *options]) == 2
         assert message in capsys.readouterr().err
+    with pytest.raises(InputError, match="design belongs to scenarios, the units of a package are built"):
+        fb.run(shop.package, design={"reduced_modes": 4})
+    run = fb.run(shop.package, stop_time=0.05)
+    assert run["plant.w"].shape == (251, 1, 21)
+    np.testing.assert_array_equal(
+        run["plant.y_pi"][::10], fb.run(shop.package, stop_time=0.05, decimate=10)["plant.y_pi"]
+    )
     assert main(["run", str(shop.folder / "none.ssp")]) == 2
     assert capsys.readouterr().err == f"flexbeams: {shop.folder / 'none.ssp'}: must be a file\n"
 
