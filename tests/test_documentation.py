@@ -87,9 +87,18 @@ def test_design_options_example_has_the_defaults() -> None:
     assert validate(DesignOptions, tomllib.loads(text)["design"], "controller/README.md") == DesignOptions()
 
 
-@pytest.mark.parametrize(
-    ("place", "text"), [b for b in blocks("toml") if b[0].startswith("scenarios/")], ids=place_alone
-)
+def scenario_examples() -> list[tuple[str, str]]:
+    """The scenarios of a page; a part of one is added to the last whole one before it."""
+    examples: list[tuple[str, str]] = []
+    whole = ""
+    for place, text in (b for b in blocks("toml") if b[0].startswith("scenarios/")):
+        is_whole = re.search("^title = ", text, re.MULTILINE) is not None
+        examples.append((place, text if is_whole else whole + text))
+        whole = text if is_whole else whole
+    return examples
+
+
+@pytest.mark.parametrize(("place", "text"), scenario_examples(), ids=place_alone)
 def test_scenario_example_runs(place: str, text: str, workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = workshop / "sweep.toml"
     path.write_text(text)
