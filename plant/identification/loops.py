@@ -7,7 +7,8 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.plant.identification.reading import Column, Reading, even_step, read_table, signal_column
+from flexbeams.plant.identification.reading import Column, Reading, even_step, signal_column
+from flexbeams.plant.number_table import read_number_table
 
 NOISE = 0.02  # of the voltage range: smaller reversals are no turning points
 FLAT = 0.05  # of the voltage range over which a response that stands still is saturated
@@ -52,10 +53,11 @@ def read_loops(path: Path, columns: LoopColumns | None = None) -> Loops:
     """
     columns = columns or LoopColumns()
     source, reading = str(path), Reading(columns=columns.mapping)
-    header, values = read_table(path, source)
+    table = read_number_table(path)
+    header, values = table.header, table.values
     time = signal_column("time", header, values, reading, source, required=True)
     assert time is not None
-    step = even_step(time, source)
+    step = even_step(time, table.rows, source)
     names = [*dict.fromkeys([*(name.rpartition(".")[2] for name in header), *columns.mapping])]
     pair, voltage = _voltage(names, columns, header, values, reading, source)
     turns = turning_points(voltage)

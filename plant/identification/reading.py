@@ -1,8 +1,6 @@
 """Experiments from CSV files: columns as in a run's results.csv, or mapped to them."""
 
-import csv
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,10 +9,10 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.identification.experiment import Experiment, Start, sensor_names
+from flexbeams.plant.number_table import read_number_table
 from flexbeams.plant.structure import Structure
 
 EVEN = 0.02  # of a step by which a time may be off the grid
-_DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+\s*$")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +82,11 @@ def read_experiment(
 
 def _window(path: Path, reading: Reading, source: str) -> tuple[list[str], Array, float, int]:
     """Header, values up to the end of the window, step in s, and the first row that counts."""
-    header, values = read_table(path, source)
+    table = read_number_table(path)
+    header, values = table.header, table.values
     time = signal_column("time", header, values, reading, source, required=True)
     assert time is not None
-    step = even_step(time, source)
+    step = even_step(time, table.rows, source)
     if reading.end is not None:
         values, time = values[time <= reading.end], time[time <= reading.end]
     first = 0 if reading.begin is None else int(np.searchsorted(time, reading.begin))
@@ -112,55 +111,6 @@ def _rest(voltages: Array, outputs: Array) -> Array:
     before, size = outputs[:onset], np.ptp(outputs, axis=0)
     moves = np.median(np.ptp(before, axis=0) / np.where(size > 0, size, 1.0))
     return np.zeros(voltages.shape[1]) if moves > 0.5 else voltages[0].copy()
-
-
-def read_table(path: Path, source: str) -> tuple[list[str], Array]:
-    """Header and values (rows, columns); InputError that names the first cell that is no finite number."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise InputError("", f"is not UTF-8 text: {error.reason}", source=source) from None
-    except OSError as error:
-        raise InputError("", f"cannot be read: {error.strerror}", source=source) from None
-    while lines and (not lines[0].strip() or lines[0].startswith("#")):
-        lines.pop(0)
-    if len(lines) < 2:
-        raise InputError("", "must have a header and rows of numbers", source=source)
-    if ";" in lines[0] and "," not in lines[0]:
-        raise InputError(
-            "", "has columns separated by semicolons; use commas, and points in decimal numbers", source=source
-        )
-    header = [name.strip() for name in next(csv.reader([lines[0]]))]
-    if repeated := [name for name in header if header.count(name) > 1]:
-        raise InputError(f"column {repeated[0]!r}", "must not repeat", source=source)
-    rows = [line for line in lines[1:] if line.strip()]
-    try:
-        values: Array = np.loadtxt(rows, delimiter=",", ndmin=2, comments=None, dtype=np.float64)
-    except ValueError:
-        raise _bad_cell(header, rows, source) from None
-    if values.shape[1] != len(header) or not np.all(np.isfinite(values)):
-        raise _bad_cell(header, rows, source)
-    return header, values
-
-
-def _bad_cell(header: list[str], rows: list[str], source: str) -> InputError:
-    """The first fault of a table that is not all finite numbers; rows are counted from the header, row 1."""
-    for number, line in enumerate(rows, 2):
-        cells = next(csv.reader([line]))
-        if len(cells) != len(header):
-            hint = " (decimal commas? write 0.5, not 0,5)" if len(cells) > len(header) else ""
-            return InputError(f"row {number}", f"must have {len(header)} values{hint}", len(cells), source=source)
-        for name, cell in zip(header, cells, strict=True):
-            place = f"row {number}, column {name!r}"
-            if _DECIMAL_COMMA.match(cell):
-                return InputError(place, "has a decimal comma; write 0.5, not 0,5", cell, source=source)
-            try:
-                finite = bool(np.isfinite(float(cell)))
-            except ValueError:
-                finite = False
-            if not finite:
-                return InputError(place, "must be a finite number", cell, source=source)
-    return InputError("", "is not a table of numbers", source=source)
 
 
 def signal_column(
@@ -188,20 +138,20 @@ def signal_column(
     return own
 
 
-def even_step(time: Array, source: str) -> float:
-    """The step of an even time column, s."""
+def even_step(time: Array, rows: Sequence[int], source: str) -> float:
+    """The step of an even time column, s; `rows` are the numbers of its rows in the file."""
     steps = np.diff(time)
     if len(steps) == 0 or np.any(steps <= 0):
-        row = int(np.argmax(steps <= 0)) + 3 if len(steps) else 2
+        row = rows[int(np.argmax(steps <= 0)) + 1] if len(steps) else rows[0]
         raise InputError(f"row {row}, column 'time'", "must increase from row to row", source=source)
     step = float((time[-1] - time[0]) / (len(time) - 1))
     off = np.abs(time - time[0] - step * np.arange(len(time)))
     if np.max(off) > EVEN * step:
-        jump = int(np.argmax(np.abs(steps - np.median(steps)))) + 3
+        jump = int(np.argmax(np.abs(steps - np.median(steps))))
         raise InputError(
-            f"row {jump}, column 'time'",
+            f"row {rows[jump + 1]}, column 'time'",
             f"must have even steps of {np.median(steps):.6g} s; resample the data or cut them at the gap",
-            float(steps[jump - 3]),
+            float(steps[jump]),
             source=source,
         )
     return step

@@ -9,9 +9,10 @@ from typing import Any, TypeVar
 
 import click
 
+from flexbeams.plant.number_table import is_decimal
 from flexbeams.plant.text import printable
 from flexbeams.scenarios.definition.choices import BASES, COUPLINGS
-from flexbeams.scenarios.definition.values import TypedNumber, is_decimal
+from flexbeams.scenarios.definition.values import TypedNumber
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

@@ -1,16 +1,14 @@
 """Signals measured elsewhere: a CSV file with a column of times."""
 
-import csv
 import re
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.definition.values import is_decimal
+from flexbeams.plant.number_table import read_number_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,72 +78,28 @@ def read_time_table(path: Path, jumps: bool = False) -> TimeTable:
     The time (s) is the column called time, or the first one where no column has that name. With `jumps` several rows
     may have one time.
     """
-    source = str(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [(k, row) for k, row in enumerate(csv.reader(file), 1) if row]
-    except UnicodeDecodeError as error:
-        raise InputError("", f"is not UTF-8 text: {error.reason}", source=source) from None
-    except csv.Error as error:
-        raise InputError("", f"is not a CSV file: {error}", source=source) from None
-    except OSError as error:
-        raise InputError("", f"cannot be read: {error.strerror}", source=source) from None
-    if not rows:
-        raise InputError("", "must have a header row", source=source)
-    number, header = rows[0][0], [name.strip() for name in rows[0][1]]
+    table, source = read_number_table(path), str(path)
+    header, place = table.header, f"row {table.header_row}"
     if len(header) < 2:
-        raise InputError(
-            f"row {number}",
-            "must name the time and at least one more column, separated by commas",
-            ",".join(header),
-            source=source,
-        )
-    repeated = next((name for k, name in enumerate(header) if name in header[:k]), None)
-    if repeated is not None:
-        raise InputError(f"row {number}", "must name each column once", repeated, source=source)
-    if all(_is_number(name) for name in header):
-        raise InputError(f"row {number}", "must be a header that names the columns", ",".join(header), source=source)
-    if len(rows) < 2:
-        raise InputError("", "must have at least one row below the header", source=source)
-    clock = _time_column(header, number, source)
-    table = np.array([_numbers(row, number, header, source) for number, row in rows[1:]])
-    times = table[:, clock]
+        rule = "must name the time and at least one more column, separated by commas"
+        raise InputError(place, rule, ",".join(header), source=source)
+    clock = _time_column(header, place, source)
+    times = table.values[:, clock]
     increments = np.diff(times)
     late = np.flatnonzero(increments < 0 if jumps else increments <= 0)
     if len(late):
-        number, row = rows[late[0] + 2]
-        raise InputError(
-            f"row {number}, column {header[clock]!r}",
-            f"must be {'>=' if jumps else '>'} {times[late[0]]:g}, the time of the row before",
-            float(row[clock]),
-            source=source,
-        )
+        row = late[0] + 1
+        rule = f"must be {'>=' if jumps else '>'} {times[row - 1]:g}, the time of the row before"
+        raise InputError(f"row {table.rows[row]}, column {header[clock]!r}", rule, float(times[row]), source=source)
     others = [k for k in range(len(header)) if k != clock]
-    return TimeTable(time=times, columns=[header[k] for k in others], values=table[:, others])
+    return TimeTable(time=times, columns=[header[k] for k in others], values=table.values[:, others])
 
 
-def _time_column(header: list[str], number: int, source: str) -> int:
+def _time_column(header: list[str], place: str, source: str) -> int:
     """The index of the column of times."""
     clocks = [k for k, name in enumerate(header) if name.casefold() in ("time", "t")]
     exact = [k for k in clocks if header[k] == "time"]
     clocks = exact or clocks
     if len(clocks) > 1:
-        raise InputError(
-            f"row {number}", "must name one column time", ", ".join(header[k] for k in clocks), source=source
-        )
+        raise InputError(place, "must name one column time", ", ".join(header[k] for k in clocks), source=source)
     return clocks[0] if clocks else 0
-
-
-def _numbers(row: list[str], number: int, header: list[str], source: str) -> list[float]:
-    if len(row) != len(header):
-        raise InputError(f"row {number}", f"must have {len(header)} columns as the header", len(row), source=source)
-    values = [float(cell) for cell in row] if all(map(_is_number, row)) else []
-    if not values:
-        k = next(k for k, cell in enumerate(row) if not _is_number(cell))
-        raise InputError(f"row {number}, column {header[k]!r}", "must be a finite number", row[k], source=source)
-    return values
-
-
-def _is_number(text: str) -> bool:
-    """Whether a cell is a finite decimal number."""
-    return is_decimal(text.strip()) and isfinite(float(text))

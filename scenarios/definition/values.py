@@ -9,7 +9,6 @@ from flexbeams.plant.errors import InputError, suggestion
 TypedValue = float | int | bool | str
 INT32 = range(-(2**31), 2**31)
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}  # as xs:boolean spells them
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 
 
 class TypedNumber(float):
@@ -24,11 +23,6 @@ class TypedNumber(float):
 
     def __getnewargs__(self) -> tuple[str]:  # type: ignore[override]
         return (self.text,)
-
-
-def is_decimal(text: str) -> bool:
-    """Whether a text is a decimal number; 1_000 and digits of other scripts, which float() takes, are none."""
-    return _NUMBER.fullmatch(text) is not None
 
 
 def enumeration_items(variable: Any) -> Mapping[str, int]:

@@ -74,7 +74,7 @@ class Display:
         if self._bars is not None:
             self._task(name)
             self._count()
-        else:
+        elif len(self._names) > 1:
             self.note("started", name)
 
     def end(self, name: str, text: str) -> None:
@@ -84,11 +84,14 @@ class Display:
             if name in self._tasks:
                 self._bars.remove_task(self._tasks.pop(name))
             self._count()
-        self.note(text, name)
+        if len(self._names) > 1:  # the caller says how a single one ended
+            self.note(text, name)
 
     def _count(self) -> None:
         assert self._bars is not None
         count = len(self._names)
+        if count == 1:
+            return
         self._bars.update(self._task(ALL), completed=self._ended, total=count, state=f"{self._ended} of {count} done")
 
     def _task(self, name: str) -> TaskID:

@@ -67,16 +67,18 @@ def test_rest_under_the_first_voltages(tmp_path: Path) -> None:
     [
         (lambda t: t.replace("plant.u[3]", "plant.v"), r"a\.csv: column 'u\[3\]' is missing"),
         (lambda t: t.replace("time", "t", 1), "column 'time' is missing"),
-        (lambda t: t.replace("plant.u[2]", "plant.u[1]", 1), r"column 'plant.u\[1\]' must not repeat"),
+        (lambda t: t.replace("plant.u[2]", "plant.u[1]", 1), r"row 1 must name each column once, got 'plant.u\[1\]'"),
         (lambda t: t.replace(",", ";"), "separated by semicolons"),
         (lambda t: _cell(t, 7, 5, "nan"), r"row 7, column 'plant.y_pi\[1\]' must be a finite number, got 'nan'"),
         (lambda t: _cell(t, 9, 2, "off"), r"row 9, column 'plant.u\[2\]' must be a finite number, got 'off'"),
         (lambda t: _cell(t, 4, 6, '"0,5"'), r"row 4, column 'plant.y_pi\[2\]' has a decimal comma"),
-        (lambda t: _cell(t, 4, 6, "0,5"), r"row 4 must have 15 values \(decimal commas\?.*got 16"),
+        (lambda t: _cell(t, 4, 6, "0,5"), r"row 4 must have 15 values as the header \(decimal commas\?.*got 16"),
+        (lambda t: "# rig\n\n" + _cell(t, 30, 0, "0.1"), "row 32, column 'time' must increase"),
+        (lambda t: "# rig\n\n" + _cell(t, 30, 0, "0.1371"), "row 32, column 'time' must have even steps"),
         (lambda t: _cell(t, 30, 0, "0.1"), "row 30, column 'time' must increase"),
         (lambda t: _cell(t, 30, 0, "0.1371"), "row 30, column 'time' must have even steps of 0.005 s"),
         (lambda t: "\n".join(t.splitlines()[:10]), "at least 20 rows that count, got 9"),
-        (lambda t: t.splitlines()[0], "must have a header and rows"),
+        (lambda t: t.splitlines()[0], "must have at least one row below the header"),
     ],
 )
 def test_faults_of_a_file_are_named(tmp_path: Path, data: list[Experiment], change: object, match: str) -> None:
