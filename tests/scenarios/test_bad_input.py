@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from flexbeams.fmus.packaging.python import build_python_units
+from flexbeams.fmus.units.catalogue import CATALOGUE
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.scenario_file import structure_files
 from tests.helpers import LOOP_WIRES, Workshop
 from tests.units import lag_interface as lag
 
@@ -138,8 +140,8 @@ SCENARIOS = {
     # units and variables
     "unknown_unit": (
         swapped('"BeamPlant"', '"BeamPlan"'),
-        "instance.plant.unit is not a unit; did you mean 'BeamPlant'? (valid: BeamPlant, FlatnessFeedforward, "
-        "TrackingController), got 'BeamPlan'",
+        "instance.plant.unit is not a unit; did you mean 'BeamPlant'? "
+        f"(valid: {', '.join(kind.name for kind in CATALOGUE)}), got 'BeamPlan'",
     ),
     "unit_and_file": (
         swapped('unit = "BeamPlant"', 'unit = "BeamPlant"\nfmu = "x.fmu"'),
@@ -468,7 +470,7 @@ OPTIONS = {
     "unknown_structure": (
         ["--structure", "keil"],
         "--structure: structure 'keil' is neither a file nor a shipped "
-        "structure; did you mean 'kiel'? (valid: five_beams, kiel, single_beam)",
+        f"structure; did you mean 'kiel'? (valid: {', '.join(structure_files())})",
     ),
     "structure_is_folder": (["--structure", "."], "--structure: structure '.' is neither a file nor"),
     "structure_of_other_size": (
