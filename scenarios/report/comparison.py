@@ -1,35 +1,49 @@
 """Page and figure of a comparison: the signals of finished runs overlaid, their checks and metrics side by side."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexbeams.plant.archive import write_whole
+from flexbeams.scenarios.report.decimation import thinned
 from flexbeams.scenarios.report.figure_plots import plot_rows
 from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import panel
 from flexbeams.scenarios.results.compare import Comparison, check_table, fact_table, metric_table
 from flexbeams.scenarios.results.curves import Curve, curve
 from flexbeams.scenarios.results.differences import common_rows
+from flexbeams.scenarios.results.long_files import recorded_rows
 from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.row_file import RowFile
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """Writes compare.html, compare.png and compare.svg; returns the files."""
     from flexbeams.scenarios.report.figures import write_figures
 
+    drawn = _drawn(comparison)
     title = " and ".join(run.label for run in comparison.runs)
     page = folder / "compare.html"
-    write_whole(page, comparison_html(comparison, title).encode("utf-8", "replace"))
+    write_whole(page, _html(comparison, drawn, title).encode("utf-8", "replace"))
     stop = max(float(run.recording.time[-1]) for run in comparison.runs)
-    rows = [_curves(comparison, name) for name in _figure_arrays(comparison)]
+    rows = [_curves(drawn, name) for name in _figure_arrays(comparison)]
     return [page, *write_figures([plot_rows(rows, title, folder / "compare", 0.0, stop, wide=True)])]
 
 
 def comparison_html(comparison: Comparison, title: str) -> str:
     """The page; equal runs give equal bytes except for the durations."""
-    groups = [*_groups(comparison), *_difference_groups(comparison)]
+    return _html(comparison, _drawn(comparison), title)
+
+
+def _drawn(comparison: Comparison) -> Comparison:
+    """The comparison with recordings in memory that are drawn as its own."""
+    return replace(comparison, runs=[replace(r, recording=thinned(r.recording)) for r in comparison.runs])
+
+
+def _html(comparison: Comparison, drawn: Comparison, title: str) -> str:
+    groups = [*_groups(drawn), *_difference_groups(comparison)]
     return render(
         "compare.html.j2",
         title=title,
@@ -47,16 +61,29 @@ def _difference_groups(comparison: Comparison) -> list[dict[str, Any]]:
     first, *others = comparison.runs
     groups = []
     for run in others:
-        rows = common_rows(first.recording, run.recording, comparison.signals)
-        gap = rows.other - rows.first
-        recording = Recording(time=rows.time, columns=comparison.signals, values=gap, wall_seconds=float("nan"))
+        recording = _gaps(first.recording, run.recording, comparison.signals)
         curves = [curve(name, recording) for name in _figure_arrays(comparison)]
-        drawn = [c for c in curves if np.any(gap[:, c.columns])]
+        drawn = [c for c in curves if np.any(recording.values[:, c.columns])]
         panels = [panel(f"{c.label} {c.element(e)}", [(c, e, c.label)]) for c in drawn for e in range(len(c.columns))]
         notes = [f"{c.label} is equal" for c in curves if c not in drawn]
         title = f"Difference of {run.label} from {first.label}"
         groups.append({"title": title, "window": None, "panels": panels, "notes": notes})
     return groups
+
+
+def _gaps(first: Recording, other: Recording, signals: list[str]) -> Recording:
+    """The differences of two recordings at their common times, in memory, as they are drawn."""
+    if first.file is None and other.file is None:
+        (rows,) = common_rows(first, other, signals)
+        gap = rows.other - rows.first
+        return Recording(time=rows.time, columns=signals, values=gap, wall_seconds=float("nan"))
+    file = RowFile(signals)
+    for rows in common_rows(first, other, signals):
+        file.append(np.column_stack([rows.time, rows.other - rows.first]))
+    found = recorded_rows(file, signals)
+    drawn = thinned(found)
+    found.release()
+    return drawn
 
 
 def _groups(comparison: Comparison) -> list[dict[str, Any]]:

@@ -20,15 +20,15 @@ def thinned(recording: Recording, start: float = -np.inf, stop: float = np.inf) 
     """
     if recording.file is None:
         return recording
-    first = int(np.searchsorted(recording.time, start - _ROUNDING))
-    last = int(np.searchsorted(recording.time, stop + _ROUNDING, side="right"))
+    first = recording.rows_before(start - _ROUNDING)
+    last = recording.rows_before(stop + _ROUNDING, equal=True)
     count, width = last - first, recording.file.width
     if 8 * count * width <= _THINNED_BYTES // 4:
         stretch = 1
     else:
         stretch = -(-count // min(_STRETCHES, max(1, _THINNED_BYTES // (16 * width * len(recording.columns)))))
     size = max(1, BLOCK_BYTES // (8 * width * stretch)) * stretch
-    time, values = [recording.time[:0]], [recording.values[:0]]
+    time, values = [np.empty(0)], [np.empty((0, len(recording.columns)))]
     for part, rows in recording.blocks(first, last, size):
         kept = _extremes(rows, stretch) if stretch > 1 else np.arange(len(rows))
         time.append(part[kept])

@@ -6,12 +6,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.declaration import by_index
 from flexbeams.scenarios.definition.dimensions import KNOWN_DIMENSIONS, conversion
 from flexbeams.scenarios.results.curves import array_name, display_unit
 from flexbeams.scenarios.results.display import number, verdict
 from flexbeams.scenarios.results.files import read_results
+from flexbeams.scenarios.results.folder import PARTIAL
+from flexbeams.scenarios.results.long_files import read_long, read_partial
 from flexbeams.scenarios.results.reading import read_recording
 from flexbeams.scenarios.simulation.recording import Recording
 
@@ -112,11 +116,12 @@ def _in_units_of(first: FinishedRun, run: FinishedRun, notify: Callable[[str], N
         if isinstance(found, str):
             raise InputError("RUN", f"must have comparable signals, {found}: {name} of {run.label} and {first.label}")
         if not found.trivial:
-            values = values.copy() if values is recording.values else values
+            values = np.array(values) if values is recording.values else values
             values[:, k] = values[:, k] * found.factor + found.offset
             notify(f"{run.label}: {name} is converted from {one} to {other}")
     units = {**recording.units, **{name: unit for name, unit in known.items() if name in recording.columns}}
-    return replace(run, recording=replace(recording, values=values, units=units))
+    file = recording.file if values is recording.values else None
+    return replace(run, recording=replace(recording, values=values, units=units, file=file))
 
 
 def _read(
@@ -138,13 +143,15 @@ def read_folder(folder: Path, label: str) -> FinishedRun:
     except (OSError, ValueError):  # their texts quote the file
         raise InputError("", "is not a summary of a run: it is not JSON", source=str(path)) from None
     if isinstance(summary, dict) and summary.get("unfinished"):
+        if (folder / PARTIAL).is_file():
+            return FinishedRun(label=label, folder=folder, summary=summary, recording=read_partial(folder / PARTIAL))
         raise InputError("", "is of a run that was ended while it wrote its results", source=str(path))
     if missing:
         raise InputError(missing[0], "is missing: this is not a summary of a run", source=str(path))
     for suffix in (".csv", ".parquet", ".mat", ".mf4"):
         file = folder / f"results{suffix}"
         if file.is_file():
-            recording = read_results(file) if suffix == ".csv" else read_recording(file, {}, {})
+            recording = read_long(file) or (read_results(file) if suffix == ".csv" else read_recording(file, {}, {}))
             signals = summary.get("signals", {})
             recording.units = {name: signals[name]["unit"] for name in recording.columns if name in signals}
             return FinishedRun(label=label, folder=folder, summary=summary, recording=recording)

@@ -1,7 +1,8 @@
 """Differences of the signals of runs on different time grids, and of their settings."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.results.compare import Comparison, FinishedRun
-from flexbeams.scenarios.simulation.recording import Recording
+from flexbeams.scenarios.simulation.recording import BLOCK_BYTES, Recording
 
 LEAST_SHARE = 0.5  # of the longer recording that must be compared for a verdict that holds
 _SAME_TIME = 1e-6  # of the shorter time between rows: times that differ by rounding only
@@ -68,9 +69,10 @@ def signal_differences(comparison: Comparison) -> list[SignalDifference]:
     first, *others = comparison.runs
     found = []
     for run in others:
-        rows = common_rows(first.recording, run.recording, comparison.signals)
-        for k, signal in enumerate(comparison.signals):
-            found.append(_difference(run.label, signal, rows, k))
+        total = _Total(len(comparison.signals))
+        for rows in common_rows(first.recording, run.recording, comparison.signals):
+            total.add(rows)
+        found += [total.difference(run.label, signal, k) for k, signal in enumerate(comparison.signals)]
     return sorted(found, key=lambda d: (-d.relative, d.run, d.signal))
 
 
@@ -79,9 +81,9 @@ def compared_spans(comparison: Comparison) -> list[ComparedSpan]:
     first, *others = comparison.runs
     spans = []
     for run in others:
-        time, _ = _common_times(first.recording, run.recording)
+        common = _common_times(first.recording, run.recording)
         longest = max(float(r.time[-1] - r.time[0]) for r in (first.recording, run.recording))
-        begin, end = float(time[0]), float(time[-1])
+        begin, end = (float(common.coarser.time[row]) for row in (common.first, common.stop - 1))
         share = (end - begin) / longest if longest > 0 else 1.0
         spans.append(ComparedSpan(run=run.label, begin=begin, end=end, share=share))
     return spans
@@ -97,60 +99,121 @@ def within(tolerance: float | None, differences: Sequence[SignalDifference], spa
     return all(d.relative <= tolerance for d in differences) and all(s.share >= LEAST_SHARE for s in spans)
 
 
-def _difference(label: str, signal: str, rows: CommonRows, k: int) -> SignalDifference:
-    gap = np.abs(rows.other[:, k] - rows.first[:, k])
-    row = int(np.argmax(np.where(np.isnan(gap), np.inf, gap)))
-    largest, peak = float(gap[row]), float(np.max(np.abs(rows.first[:, k])))
-    if largest == 0:
-        relative = 0.0
-    else:
-        relative = largest / peak if peak > 0 and np.isfinite(largest) else float("inf")
-    return SignalDifference(
-        run=label,
-        signal=signal,
-        largest=largest,
-        rms=float(np.sqrt(np.mean(gap**2))),
-        relative=relative,
-        time=float(rows.time[row]),
-        rows=len(rows.time),
-        interpolated=rows.interpolated,
-    )
+class _Total:
+    """Differences of the columns of rows that follow each other."""
+
+    def __init__(self, columns: int) -> None:
+        self._largest, self._time = np.full(columns, -1.0), np.zeros(columns)  # NaN counts as infinite
+        self._squares, self._peak = np.zeros(columns), np.zeros(columns)
+        self._rows = self._interpolated = 0
+
+    def add(self, rows: CommonRows) -> None:
+        """Counts further rows."""
+        gap = np.abs(rows.other - rows.first)
+        size = np.where(np.isnan(gap), np.inf, gap)
+        row = np.argmax(size, axis=0)
+        found = size[row, np.arange(size.shape[1])]
+        self._time = np.where(found > self._largest, rows.time[row], self._time)
+        self._largest = np.maximum(found, self._largest)
+        self._squares += np.sum(gap**2, axis=0)
+        self._peak = np.maximum(self._peak, np.max(np.abs(rows.first), axis=0))
+        self._rows += len(rows.time)
+        self._interpolated += rows.interpolated
+
+    def difference(self, label: str, signal: str, k: int) -> SignalDifference:
+        """The difference of column k."""
+        largest, peak = float(self._largest[k]), float(self._peak[k])
+        if largest == 0:
+            relative = 0.0
+        else:
+            relative = largest / peak if peak > 0 and np.isfinite(largest) else float("inf")
+        return SignalDifference(
+            run=label,
+            signal=signal,
+            largest=largest,
+            rms=float(np.sqrt(self._squares[k] / self._rows)),
+            relative=relative,
+            time=float(self._time[k]),
+            rows=self._rows,
+            interpolated=self._interpolated,
+        )
 
 
-def common_rows(first: Recording, other: Recording, signals: list[str]) -> CommonRows:
-    """Both recordings at the times of the coarser one where they overlap.
+def common_rows(first: Recording, other: Recording, signals: list[str]) -> Iterator[CommonRows]:
+    """Both recordings at the times of the coarser one where they overlap, in blocks where one of them is in a file.
 
     Rows whose times differ by rounding are taken as they are; between rows of the finer one values are interpolated
     linearly.
     """
-    time, slack = _common_times(first, other)
-    placed, interpolated = [], 0
-    for recording in (first, other):
-        values = recording.values[:, [recording.columns.index(s) for s in signals]]
-        after = np.clip(np.searchsorted(recording.time, time), 1, len(recording.time) - 1)
-        nearest = after - (time - recording.time[after - 1] < recording.time[after] - time)
-        rows = values[nearest]
-        between = np.flatnonzero(np.abs(recording.time[nearest] - time) > slack)
-        for k in range(values.shape[1]):
-            rows[between, k] = np.interp(time[between], recording.time, values[:, k])
-        placed.append(rows)
-        interpolated = max(interpolated, len(between))
-    return CommonRows(time=time, first=placed[0], other=placed[1], interpolated=interpolated)
+    common = _common_times(first, other)
+    columns = [[recording.columns.index(s) for s in signals] for recording in (first, other)]
+    for time in common.blocks():
+        (one, between), (two, others_between) = (
+            _placed(recording, time, chosen, common.slack)
+            for recording, chosen in zip((first, other), columns, strict=True)
+        )
+        yield CommonRows(time=time, first=one, other=two, interpolated=max(between, others_between))
 
 
-def _common_times(first: Recording, other: Recording) -> tuple[Array, float]:
-    """The times of the coarser recording where both overlap, and by how much equal times may differ, s."""
+def _placed(recording: Recording, time: Array, columns: list[int], slack: float) -> tuple[Array, int]:
+    """Some columns of a recording at other times (rows, columns), and how many of the rows are interpolated."""
+    count = len(recording.time)
+    begin = min(recording.rows_before(time[0] - slack), count - 1)
+    end = recording.rows_before(time[-1] + slack, equal=True)
+    parts = list(recording.blocks(max(begin - 1, 0), min(end + 1, count)))
+    own = np.concatenate([part for part, _ in parts]) if len(parts) > 1 else parts[0][0]
+    values = np.concatenate([part[:, columns] for _, part in parts])
+    after = np.clip(np.searchsorted(own, time), 1, max(len(own) - 1, 1))
+    if len(own) == 1:
+        return np.repeat(values, len(time), axis=0), 0
+    nearest = after - (time - own[after - 1] < own[after] - time)
+    rows = values[nearest]
+    between = np.flatnonzero(np.abs(own[nearest] - time) > slack)
+    for k in range(values.shape[1]):
+        rows[between, k] = np.interp(time[between], own, values[:, k])
+    return rows, len(between)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CommonTimes:
+    """The rows first ... stop - 1 of the coarser recording, where both overlap."""
+
+    coarser: Recording
+    first: int
+    stop: int
+    slack: float  # s, by which equal times may differ
+    parts: int
+
+    def blocks(self) -> Iterator[Array]:
+        """The times, in parts that need little memory."""
+        ends = np.linspace(self.first, self.stop, min(self.parts, self.stop - self.first) + 1).astype(int)
+        for begin, end in pairwise(ends):
+            yield np.concatenate([time for time, _ in self.coarser.blocks(int(begin), int(end))])
+
+
+def _common_times(first: Recording, other: Recording) -> _CommonTimes:
     begin, end = max(first.time[0], other.time[0]), min(first.time[-1], other.time[-1])
-    slack = _SAME_TIME * min(np.diff(first.time).min(initial=np.inf), np.diff(other.time).min(initial=np.inf))
+    slack = _SAME_TIME * min(_least_interval(first), _least_interval(other))
 
-    def inside(recording: Recording) -> Array:
-        chosen: Array = recording.time[(recording.time >= begin - slack) & (recording.time <= end + slack)]
-        return chosen
+    def inside(recording: Recording) -> tuple[int, int]:
+        return recording.rows_before(begin - slack), recording.rows_before(end + slack, equal=True)
 
-    time = min(inside(other), inside(first), key=len)
-    if not len(time):
+    spans = [(recording, *inside(recording)) for recording in (other, first)]
+    coarser, start, stop = min(spans, key=lambda span: span[2] - span[1])
+    if stop <= start:
         raise InputError("RUN", f"must overlap in time: they are of {_span(first)} and {_span(other)}")
-    return time, float(slack)
+    sizes = [8 * (1 + len(r.columns)) * (b - a) for r, a, b in spans if first.file or other.file]
+    parts = -(-max(sizes, default=1) // BLOCK_BYTES)
+    return _CommonTimes(coarser=coarser, first=start, stop=stop, slack=float(slack), parts=parts)
+
+
+def _least_interval(recording: Recording) -> float:
+    """The shortest time between two rows, s; infinite for one row."""
+    least, before = np.inf, np.empty(0)
+    for time, _ in recording.blocks():
+        least = min(least, np.diff(time, prepend=before).min(initial=np.inf))
+        before = time[-1:]
+    return float(least)
 
 
 def _span(recording: Recording) -> str:

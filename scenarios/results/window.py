@@ -24,8 +24,8 @@ class Window:
     def between(cls, recording: Recording, columns: list[int], after: float, before: float | None) -> "Window":
         """The rows from `after` to `before` s, without it to the end; there may be none."""
         last = recording.time[-1] if before is None else before
-        first = int(np.searchsorted(recording.time, after - _ROUNDING))
-        stop = int(np.searchsorted(recording.time, last + _ROUNDING, side="right"))
+        first = recording.rows_before(after - _ROUNDING)
+        stop = recording.rows_before(last + _ROUNDING, equal=True)
         return cls(recording=recording, columns=columns, first=first, stop=stop)
 
     def __len__(self) -> int:

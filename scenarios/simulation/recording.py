@@ -1,5 +1,6 @@
 """Recording of a run: chosen signals at every step, or at every n-th."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
@@ -59,6 +60,13 @@ class Recording:
             else:
                 block = self.file.read(begin, end)
                 yield block[:, 0], block[:, 1:]
+
+    def rows_before(self, time: float, *, equal: bool = False) -> int:
+        """Number of rows with times < `time`, or with `equal` those <= `time`."""
+        if self.file is None:
+            return int(np.searchsorted(self.time, time, side="right" if equal else "left"))
+        search, file = (bisect_right if equal else bisect_left), self.file
+        return search(range(file.count), time, key=lambda k: float(file.read(k, k + 1)[0, 0]))
 
     def change(self, function: Callable[[Array, Array, bool], None]) -> None:
         """Changes the values in place, block by block: function(time, values, whether it is the last block)."""

@@ -4,16 +4,23 @@ import json
 import shutil
 import time as clock
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import flexbeams as fb
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Check, Instance, Scenario, Sensor
+from flexbeams.scenarios.report.comparison import comparison_html
 from flexbeams.scenarios.report.decimation import thinned
+from flexbeams.scenarios.results import differences, long_files
 from flexbeams.scenarios.results.checks import Measurement, standard_metrics
+from flexbeams.scenarios.results.compare import read_folder
+from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.folder import PARTIAL
 from flexbeams.scenarios.runs import execution, room
 from flexbeams.scenarios.simulation import recording as recordings
@@ -183,9 +190,90 @@ def test_a_killed_run_leaves_its_rows(tmp_path: Path, write_scenario: Callable[[
     assert len(table) > 10_000
     assert np.all(np.diff(table["time"]) > 0)
     assert json.loads((out / "summary.json").read_text())["unfinished"]
+    left = read_folder(out, "killed").recording
+    np.testing.assert_array_equal(left.time, table["time"])
+    np.testing.assert_array_equal(left.values[:, left.columns.index("plant.y_pi[1]")], table["plant.y_pi[1]"])
     assert main(short) == 0
     assert not rows.exists()
     assert json.loads((out / "summary.json").read_text())["complete"]
+
+
+@pytest.fixture
+def folders(both: tuple[Recording, Recording], tmp_path: Path) -> list[Path]:
+    """Two runs in each format; the second has other values, at other times as well."""
+    memory, _ = both
+    other = Recording(
+        time=np.concatenate([memory.time[:500], memory.time[500:900:2] + 3e-3]),
+        columns=COLUMNS,
+        values=np.concatenate([memory.values[:500], memory.values[500:900:2]]) * 1.01,
+        wall_seconds=1.0,
+    )
+    summary = dict.fromkeys(("scenario", "title", "coupling", "backend", "design_id"), "")
+    more = {"checks": [], "metrics": {}, "timing": {}, "complete": True}
+    names = []
+    for name, recording in (("one", memory), ("two", other)):
+        names.append(tmp_path / name)
+        write_results(names[-1], recording, {**summary, **more})
+    return names
+
+
+@pytest.mark.parametrize("block", [300, 4000, 2**24])
+def test_long_runs_are_compared_in_blocks(
+    folders: list[Path], tmp_path: Path, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = fb.compare(*folders, tolerance=0.1)
+    expected = {d.signal: d for d in whole.differences}
+    page = comparison_html(whole, "a page")
+    monkeypatch.setattr(long_files, "LARGE", 0)
+    for module in (recordings, differences):
+        monkeypatch.setattr(module, "BLOCK_BYTES", block)
+    parts = fb.compare(*folders, tolerance=0.1)
+    assert all(run.recording.file is not None for run in parts.runs)
+    assert parts.spans == whole.spans
+    for found in parts.differences:
+        one = expected[found.signal]
+        assert found.rms == pytest.approx(one.rms, rel=1e-12)
+        assert replace(found, rms=one.rms) == one
+    assert min(d.interpolated for d in parts.differences) > 0
+    assert comparison_html(parts, "a page") == page
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mf4"])
+def test_long_files_are_read_as_short_ones(
+    both: tuple[Recording, Recording], tmp_path: Path, kind: Format, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require(kind)
+    memory, _ = both
+    write_results(tmp_path, memory, {}, [kind])
+    assert long_files.read_long(tmp_path / f"results.{kind}") is None
+    monkeypatch.setattr(long_files, "LARGE", 0)
+    found = long_files.read_long(tmp_path / f"results.{kind}")
+    assert found is not None
+    assert found.columns == COLUMNS
+    np.testing.assert_array_equal(found.time, memory.time)
+    np.testing.assert_array_equal(found.values, memory.values)
+    (tmp_path / f"results.{kind}").write_bytes(b"time,a\n1,2\nx" * 3)
+    with pytest.raises(InputError, match="is not a readable file of results"):
+        long_files.read_long(tmp_path / f"results.{kind}")
+
+
+def test_csv_is_read_without_pyarrow(
+    both: tuple[Recording, Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory, _ = both
+    memory.units, memory.units_row = dict.fromkeys(COLUMNS, "m"), True
+    write_results(tmp_path, memory, {})
+    monkeypatch.setattr(long_files, "LARGE", 0)
+    monkeypatch.setattr(long_files, "_ROWS", 100)
+    monkeypatch.setattr(long_files, "find_spec", lambda name: None)
+    found = long_files.read_long(tmp_path / "results.csv")
+    assert found is not None
+    np.testing.assert_array_equal(found.values, memory.values)
+
+
+def require(kind: Format) -> None:
+    if package := {"parquet": "pyarrow", "mf4": "asammdf"}.get(kind):
+        pytest.importorskip(package)
 
 
 def test_a_file_of_rows_that_no_run_wrote_is_refused(
