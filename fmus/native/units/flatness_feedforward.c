@@ -140,6 +140,7 @@ static VoltageRange limits_of(UnitInstance *unit)
 /* For the log: the limit that a voltage is beyond, and the voltage; voltage_limit is one of magnitudes. */
 typedef struct {
     const char *name;
+    bool is_own; /* of the pair */
     double limit;
     double voltage;
 } BrokenLimit;
@@ -150,11 +151,14 @@ static BrokenLimit broken_limit(const UnitInstance *unit, Violation violation)
     const unsigned symmetric = feedforward->voltage_limit;
     const unsigned own =
         (violation.is_below ? feedforward->voltage_min : feedforward->voltage_max) + (unsigned)violation.pair;
-    if (fabs(unit->values[own]) < unit->values[symmetric])
-        return (BrokenLimit){
-            .name = unit->variables[own].name, .limit = unit->values[own], .voltage = violation.voltage};
-    return (BrokenLimit){
-        .name = unit->variables[symmetric].name, .limit = unit->values[symmetric], .voltage = fabs(violation.voltage)};
+    const bool is_own = fabs(unit->values[own]) < unit->values[symmetric];
+    const unsigned limit = is_own ? own : symmetric;
+    const char *const name = unit->variables[limit].name;
+    const char *const point = strrchr(name, '.'); /* in a loop, of which the log has the part's name in front */
+    return (BrokenLimit){.name = point == NULL ? name : point + 1,
+                         .is_own = is_own,
+                         .limit = unit->values[limit],
+                         .voltage = is_own ? violation.voltage : fabs(violation.voltage)};
 }
 
 static void warn_of_refusal(UnitInstance *unit, double time, const TransitionPlan *plan)
@@ -166,12 +170,10 @@ static void warn_of_refusal(UnitInstance *unit, double time, const TransitionPla
 
 static void note_stretching(UnitInstance *unit, double time, double shortest, const TransitionPlan *plan)
 {
-    const FlatnessFeedforwardData *const feedforward = unit->data;
     const BrokenLimit broken = broken_limit(unit, plan->violation);
-    const bool is_own = broken.name != unit->variables[feedforward->voltage_limit].name;
     unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %s%s%.1f V",
-              unit->start + time, shortest, plan->duration, is_own ? broken.name : "", is_own ? " = " : "",
-              broken.limit);
+              unit->start + time, shortest, plan->duration, broken.is_own ? broken.name : "",
+              broken.is_own ? " = " : "", broken.limit);
 }
 
 /* Start the transition to a changed target. */
