@@ -1,7 +1,7 @@
 """documentation/index.html of a unit: equations, signals, timing, picture; one file that refers to no other."""
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -38,6 +38,7 @@ class Chapter:
     equations: str
     timing: str
     wiring: str = ""  # HTML, of a unit with parts
+    figure: Callable[[Interface], str] | None = None  # HTML behind the equations
     clock: str = "The design's sample time is {:g} s."
     literature: str = ""
 
@@ -55,6 +56,7 @@ def documentation_page(interface: Interface, picture: bytes, chapter: Chapter) -
         chapter.wiring,
         "<h2>Equations</h2>",
         *_paragraphs(chapter.equations),
+        chapter.figure(interface) if chapter.figure else "",
         "<h2>Signals</h2>",
         table(("signal", "type", "causality", "unit", "start", "meaning"), map(_array_row, arrays)),
         f"<details><summary>All {len(interface.variables)} variables</summary>",

@@ -6,6 +6,7 @@ from typing import Any
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.loop_figure import loop_figure
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.mfc import mfc_actuator_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
@@ -120,7 +121,15 @@ at rest under the last one.
 A step of any size is exact for commands that hold, and the result does not depend on how a step is split: play
 operators need the last voltage alone, since v does not turn while the command holds; creep is computed with
 exponentials between the voltages at which the slope of h changes.
+# How to take the data on a rig
+Drive one pair slowly against its first mode, loops of some seconds each: from 0 V twice through the whole range, then
+loops of two thirds, a half and a third of it, one more through the whole range, and two small ones off the middle.
+Record time, voltage and a deflection or a strain at 50 rows a second or more; then the command
+flexbeams identify hysteresis DATA.csv --structure START.toml --pair 1 --out RESULT.toml
+writes the section actuator of the structure, with a page of loops, residuals and the error that a compensator would
+leave. For creep, hold a voltage for as long as it matters.
 """,
+        figure=loop_figure,
         literature=MFC_LITERATURE,
     ),
     native=NativeKernel(

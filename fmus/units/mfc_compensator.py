@@ -4,6 +4,7 @@ from pathlib import Path
 
 from flexbeams.controller.design import Design
 from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.loop_figure import loop_figure
 from flexbeams.fmus.interface.variables import TIME, Interface, array
 from flexbeams.fmus.references.mfc import mfc_compensator_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
@@ -76,13 +77,13 @@ MFC_COMPENSATOR = UnitKind(
         equations="""
 The inverse of MfcActuator without its amplifier, with the same parameters; see its page for the operators. The unit
 keeps the states p_i and c_i that its own commands leave in the patches. For a wanted effective voltage w at the end of
-a step of h seconds, the discrete inverse of the creep gives the hysteresis that must hold during the step:
-= e_i = exp(−h / τ_i) ; η = (w − ∑_i a_i e_i c_i) / (1 + ∑_i a_i (1 − e_i))
+a step of T seconds, the discrete inverse of the creep gives the hysteresis that must hold during the step:
+= e_i = exp(−T / τ_i) ; η = (w − ∑_i a_i e_i c_i) / (1 + ∑_i a_i (1 − e_i))
 The inverse of the dead zones is one of dead zones, with S_j = 1 + s_1 + … + s_j counted from 0 outwards on each side,
 and h(ρ) the image of a threshold:
-= z = η + ∑_j (1 / S_j − 1 / S_(j−1)) D_j'(η) ; ρ_j' = h(ρ_j)
+= z = η + ∑_j (1 / S_j − 1 / S_{j−1}) D_j'(η) ; ρ_j' = h(ρ_j)
 That of the play operators is one of play operators, with W_i = w_0 + … + w_i, r_0 = 0 and p_0 = u:
-= r_i' = ∑_(j ≤ i) w_j (r_i − r_j) ; w_i' = 1 / W_i − 1 / W_(i−1) ; p_i' = W_i p_i + ∑_(j > i) w_j p_j
+= r_i' = ∑_{j ≤ i} w_j (r_i − r_j) ; w_i' = 1 / W_i − 1 / W_{i−1} ; p_i' = W_i p_i + ∑_{j > i} w_j p_j
 = u = ∑_i w_i' max(z − r_i' , min(z + r_i' , p_i'))
 The inverse exists where all W_i and S_j are > 0; parameters that break this are refused by name when the initialisation
 ends. A command beyond the amplifier's limit is held there, saturated says so, the first one since the start also in
@@ -92,7 +93,15 @@ the log; the states follow the command that is given, so that the inverse is exa
 The command after a step is for the time from its end on, and is computed for a next step of the same size: behind an
 actuator that steps after it, or at the same time with one step of delay, the effective voltage at the end of that step
 is the one that was wanted. At the start, actuator and compensator rest under the last voltage of the history.
+# How to take the data on a rig
+Drive one pair slowly against its first mode, loops of some seconds each: from 0 V twice through the whole range, then
+loops of two thirds, a half and a third of it, one more through the whole range, and two small ones off the middle.
+Record time, voltage and a deflection or a strain at 50 rows a second or more; then the command
+flexbeams identify hysteresis DATA.csv --structure START.toml --pair 1 --out RESULT.toml
+writes the section actuator of the structure, with a page of loops, residuals and the error that a compensator would
+leave. For creep, hold a voltage for as long as it matters.
 """,
+        figure=loop_figure,
         literature=MFC_LITERATURE,
     ),
     native=NativeKernel(

@@ -143,6 +143,8 @@ def alone(scenario: str, every: int = 1, added_up: bool = False, **changed: Any)
         ("tracking", {"stop_time": 1.2}),
         ("tracking", {"stop_time": 1.2, "coupling": "gauss-seidel"}),
         ("retarget", {"stop_time": 1.7}),
+        ("hysteresis_imperfect", {"stop_time": 1.2}),
+        ("hysteresis_imperfect", {"stop_time": 1.2, "coupling": "gauss-seidel"}),
         ("disturbance", {"stop_time": 1.1, "coupling": "gauss-seidel"}),
         ("step_response", {"stop_time": 1.1}),
         ("single_beam", {"stop_time": 1.2}),
