@@ -36,6 +36,17 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     return tuple(dict.fromkeys(names))
 
 
+def _rates(context: click.Context, parameter: click.Parameter, values: Sequence[str]) -> dict[str, int]:
+    """SIGNAL=N options as a table."""
+    rates = {}
+    for text in values:
+        name, equals, count = text.partition("=")
+        if not equals or not name.strip() or not count.strip().isdecimal():
+            raise click.BadParameter(f"must be SIGNAL=N with a whole number of steps, got {text!r}")
+        rates[name.strip()] = int(count)
+    return rates
+
+
 @click.command()
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...")
 @click.option(
@@ -54,6 +65,14 @@ def _formats(context: click.Context, parameter: click.Parameter, values: Sequenc
     default=1,
     metavar="N",
     help="Record every N-th step (and the last); checks are measured on these.",
+)
+@click.option(
+    "--record-every",
+    multiple=True,
+    callback=_rates,
+    metavar="SIGNAL=N",
+    help="Record a signal or array at every N-th step alone: plant.y_pm=10. Rows between hold its last value, which "
+    "takes little room in Parquet files. Repeatable.",
 )
 @click.option(
     "--format",

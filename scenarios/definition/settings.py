@@ -46,6 +46,7 @@ class Settings:
     step: float | None = None  # s, between communication points
     overrides: Mapping[str, Value] = field(default_factory=dict)  # <instance>.<variable>, or array, to start value
     decimate: int = 1  # every which step is recorded
+    record_every: Mapping[str, int] = field(default_factory=dict)  # signal or array: every which step it is recorded
     build_folder: Path = field(default_factory=cache_folder)  # where built units are kept, see fmus.packaging.cache
     units_row: bool = False  # units of measurement in the second row of results.csv
     record_animation: bool = True  # record the deflected beams for the animation
@@ -81,9 +82,11 @@ class Settings:
     def of_open_loop(self, instances: Collection[str]) -> "Settings":
         """Settings of the run to compare with: start values of the instances that it has, no animation, unpaced."""
         overrides = {key: value for key, value in self.overrides.items() if key.partition(".")[0] in instances}
+        rates = {key: every for key, every in self.record_every.items() if key.partition(".")[0] in instances}
         return replace(
             self,
             overrides=overrides,
+            record_every=rates,
             record_animation=False,
             record_deflections=False,
             open_inputs=False,

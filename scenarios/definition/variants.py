@@ -10,7 +10,12 @@ from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.definition.settings import Settings
 
 _MAX_LENGTH = 80  # characters of a folder's suffix
-_DEFAULTS: dict[str, Any] = {"backend": "native", "compiler": "zig", "decimate": 1, "design": {}, "overrides": {}}
+_DEFAULTS: dict[str, Any] = {
+    "backend": "native",
+    "compiler": "zig",
+    "decimate": 1,
+    **{name: {} for name in ("record_every", "design", "overrides")},
+}
 _NAMES = (
     "coupling",
     "basis",
@@ -20,6 +25,7 @@ _NAMES = (
     "backend",
     "compiler",
     "decimate",
+    "record_every",
     "real_time_factor",
     "design",
     "overrides",
@@ -45,6 +51,8 @@ def variant_suffix(changed: dict[str, Any]) -> str:
     for name, value in changed.items():
         if name in ("set", "design"):
             parts += [f"{key}={_text(v)}" for key, v in value.items()]
+        elif name == "record_every":
+            parts += [f"{key}-every-{v}" for key, v in value.items()]
         elif name == "structure":
             parts.append(Path(value).stem)
         elif isinstance(value, str):

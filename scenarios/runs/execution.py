@@ -17,6 +17,7 @@ from flexbeams.scenarios.simulation.cosimulation import CoSimulation
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.instance import UnitInstance
 from flexbeams.scenarios.simulation.native_stepper import NativeStepper, stepper_library
+from flexbeams.scenarios.simulation.rates import hold
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.row_file import RowFile
 from flexbeams.scenarios.simulation.sensors import measure
@@ -54,6 +55,7 @@ def execute(
             _row_file(prepared, observer),
         )
     measure(recording, prepared.scenario.sensor, prepared.step * prepared.settings.decimate)
+    hold(recording, prepared.settings.record_every)
     recording.units = {column: prepared.unit_of(column) for column in recording.columns}
     recording.units_row = prepared.settings.units_row
     if recording.ended:

@@ -37,6 +37,7 @@ from flexbeams.scenarios.runs.requirements import (
 from flexbeams.scenarios.runs.room import recorded_bytes, require_room, with_affordable_deflections
 from flexbeams.scenarios.runs.voltage_limits import note_limits
 from flexbeams.scenarios.simulation.frames import frame_layout
+from flexbeams.scenarios.simulation.rates import require_rates
 from flexbeams.scenarios.simulation.sensors import require_sensors
 from flexbeams.scenarios.simulation.wiring import Wiring, plan_wiring
 
@@ -161,6 +162,7 @@ def prepare_wiring(
     recording = replace(scenario, record=[*(scenario.record or []), *hidden]) if hidden else scenario
     wiring = plan_wiring(recording, declarations, source, starts, notify, step, settings.open_inputs)
     require_undriven(settings.overrides, wiring.driven())
+    require_rates(settings.record_every, wiring.columns, settings.decimate)
     if settings.record_animation:
         wiring = replace(wiring, frames=frame_layout(declarations, wiring.sources, wiring.inputs))
     if not hidden:

@@ -1,6 +1,7 @@
 """Recordings whose rows are in a file: the same results as in memory, readable while they grow and after a kill."""
 
 import json
+import re
 import shutil
 import time as clock
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.folder import PARTIAL
 from flexbeams.scenarios.runs import execution, room
 from flexbeams.scenarios.simulation import recording as recordings
+from flexbeams.scenarios.simulation.rates import hold, require_rates
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.row_file import RowFile
 from flexbeams.scenarios.simulation.sensors import measure
@@ -142,8 +144,39 @@ def test_sensors_measure_block_after_block(both: tuple[Recording, Recording], sm
     np.testing.assert_array_equal(file.values, memory.values)
 
 
+@pytest.mark.parametrize("every", [1, 3, 100, 5000])
+def test_signals_have_rates_of_their_own(both: tuple[Recording, Recording], small_blocks: None, every: int) -> None:
+    true = both[0].values.copy()
+    for recording in both:
+        hold(recording, {"plant.y_pi[2]": every, "plant.δ": 10})
+        np.testing.assert_array_equal(recording.values[:, 0], true[:, 0])
+        for column, steps in ((1, every), (2, 10)):
+            rows = np.arange(ROWS) // steps * steps
+            rows[-1] = ROWS - 1
+            np.testing.assert_array_equal(recording.values[:, column], true[rows, column])
+
+
+@pytest.mark.parametrize(
+    ("rates", "decimate", "message"),
+    [
+        ({"plant.y_p": 10}, 1, "--record-every names a signal that is not recorded; did you mean 'plant.y_pi'"),
+        (
+            {"plant.y_pi": 7},
+            2,
+            "--record-every of plant.y_pi must be a multiple of 2, the steps from row to row, got 7",
+        ),
+        ({"plant.y_pi": 0}, 1, "--record-every of plant.y_pi must be a multiple of 1"),
+    ],
+)
+def test_rates_without_rows_are_refused(rates: dict[str, int], decimate: int, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        require_rates(rates, COLUMNS, decimate)
+
+
 @pytest.mark.native
-@pytest.mark.parametrize("options", [(), ("--decimate", "7"), ("--decimate", "100000")])
+@pytest.mark.parametrize(
+    "options", [(), ("--decimate", "7", "--record-every", "plant.y_pm=70"), ("--decimate", "100000")]
+)
 def test_a_run_gives_the_same_files(
     options: tuple[str, ...], tmp_path: Path, small_blocks: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
