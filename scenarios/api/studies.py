@@ -16,8 +16,8 @@ from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.study_file import load_study
 from flexbeams.scenarios.processes.pools import Executor, usable_cores
-from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.observer import ignore_note
+from flexbeams.scenarios.runs.run_view import RunView
 from flexbeams.scenarios.studies.dataset import Results, require_parquet
 from flexbeams.scenarios.studies.execution import Progress
 from flexbeams.scenarios.studies.pages import full_run, write_pages
@@ -81,9 +81,9 @@ class StudyResults:
         order = worst_first(self.study.plan.checks[column], self.results.measures[complete, column])
         return [int(self.results.numbers[k]) for k in complete[order[:count]]]
 
-    def run(self, number: int) -> Run:
+    def run(self, number: int) -> RunView:
         """The full run of a number, with the study's measures as checks; raises as `fb.run`."""
-        return full_run(self.study.plan, number)
+        return RunView.of(full_run(self.study.plan, number))
 
     def sensitivity(self, measure: str) -> Sensitivity:
         """Indices of all inputs or groups, with intervals.

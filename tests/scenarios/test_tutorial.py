@@ -28,6 +28,7 @@ def test_it_is_committed_without_outputs() -> None:
 def test_every_cell_runs(at_run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As Jupyter runs them, in one namespace; the value of a last expression is displayed."""
     pytest.importorskip("control")
+    pytest.importorskip("pyarrow")
     monkeypatch.setenv("MPLBACKEND", "agg")
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for number, cell in enumerate(CELLS, 1):
@@ -40,3 +41,4 @@ def test_every_cell_runs(at_run_folder: Path, monkeypatch: pytest.MonkeyPatch) -
     assert namespace["difference"] < 1e-9
     assert namespace["own"].passed
     assert namespace["tracking"].passed
+    assert namespace["study"].failed == {}
