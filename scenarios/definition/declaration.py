@@ -84,7 +84,8 @@ def element_names(variables: Collection[str], name: str) -> list[str]:
     if name in variables:
         return [name]
     prefix = f"{name}["
-    return by_index(n for n in variables if n.startswith(prefix) and n.endswith("]") and "]." not in n)
+    inside = (n for n in variables if n.startswith(prefix) and n.endswith("]"))
+    return by_index(n for n in inside if "]." not in n.removeprefix(prefix))
 
 
 def by_index(names: Iterable[str]) -> list[str]:
