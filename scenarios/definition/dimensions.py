@@ -93,7 +93,7 @@ def conversion(
 
 
 def _ratio(first: Dimension, second: Dimension) -> float:
-    """The quotient of factors; exact where it is a power of ten, as 1 / 0.001 is and 0.01 / 0.001 is not."""
+    """The quotient of factors; exact where it is a power of ten, as 1 / 0.001 is and 0.001 / 1e-6 is not."""
     ratio = first.factor / second.factor
     decimal = float(f"{ratio:.12g}")
     return decimal if abs(ratio - decimal) <= 4e-16 * abs(ratio) else ratio

@@ -162,6 +162,8 @@ def test_conversions_with_factors_and_offsets(one: str, other: str, values: dict
 def test_powers_of_ten_are_exact() -> None:
     for one, other, factor in (("m", "mm", 1000.0), ("cm", "mm", 10.0), ("mm", "cm", 0.1), ("cm", "m", 0.01)):
         assert conversion(one, other, UNITS, UNITS) == Conversion(factor=factor, offset=0.0)
+    for one, other, factor in (("mm", "µm", 1000.0), ("m", "nm", 1e9), ("µm", "cm", 1e-4)):
+        assert conversion(one, other, KNOWN_DIMENSIONS, KNOWN_DIMENSIONS) == Conversion(factor=factor, offset=0.0)
     assert conversion("inch", "cm", UNITS, UNITS) == Conversion(factor=2.54, offset=0.0)
 
 

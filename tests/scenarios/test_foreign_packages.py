@@ -170,6 +170,19 @@ def test_transformations_follow_the_conversion_of_units(shop: Shop) -> None:
         shop.run(shop.package(units, connection("s.count", "g.k", linear)))
 
 
+def test_a_connection_may_name_its_input_first(shop: Shop) -> None:
+    units = {"s": (SENSORS, ""), "g": (GAINS, "")}
+    wires = connection("g.u[1]", "s.x[1]") + connection("s.x[2]", "g.u[2]")
+    values = shop.last(shop.package(units, wires))
+    assert (values["g.y[1]"], values["g.y[2]"]) == (1000.0, 20000.0)
+    with pytest.raises(InputError, match=r"must not drive an input that is driven already, got 'g\.u\[1\]'"):
+        shop.run(shop.package(units, wires + connection("s.x[2]", "g.u[1]")))
+    both = {**units, "h": (GAINS, "")}
+    wires = connection("s.x[1]", "g.u[1]") + connection("s.x[1]", "h.u[1]")  # one output may drive several inputs
+    values = shop.last(shop.package(both, wires))
+    assert (values["g.y[1]"], values["h.y[1]"]) == (1000.0, 1000.0)
+
+
 def test_a_run_begins_at_the_start_time(shop: Shop) -> None:
     clock = ForeignUnit(variables=[v for v in GAIN if v.name in ("seen", "u[1]")], rules=["clock 5"])
     run = shop.run(shop.package({"g": (clock, "")}, start="2.0", stop="2.05"))

@@ -1,6 +1,7 @@
 """Third-party units: every value reaches its variable, by type, index and unit of measurement, or is refused."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -237,6 +238,31 @@ def test_a_loop_in_initialisation_is_named_and_settles(bench: Bench) -> None:
     assert dict(zip(recording.columns, recording.values[0].tolist(), strict=True)) == {"b.y": 1.0, "a.y": 0.5}
     [note] = bench.notes
     assert note.startswith("initialisation: b.u -> b.y -> a.u -> a.y -> b.u is a loop")
+
+
+def test_a_loop_is_repeated_until_it_settles(bench: Bench) -> None:
+    """b = a / 2 + 1 and a = b / 2: the fixed point is 4/3 and 2/3, and the inputs begin with 1."""
+    constant = V(name="c", type="Real", causality="input", reference=7, start="1")
+    unit = stage("Affine", 0.5)
+    unit.variables.append(constant)
+    unit.rules.append("sum 1 7 1")
+    unit.write(bench.folder / "affine.fmu")
+    stage("Half", 0.5).write(bench.folder / "half.fmu")
+    text = '[instance.b]\nfmu = "affine.fmu"\n[instance.a]\nfmu = "half.fmu"\n'
+    recording = bench.run(text + wire("a.y", "b.u") + wire("b.y", "a.u")).recording
+    first = dict(zip(recording.columns, recording.values[0].tolist(), strict=True))
+    assert first == {"b.y": pytest.approx(4 / 3, rel=1e-11), "a.y": pytest.approx(2 / 3, rel=1e-11)}
+
+
+def test_units_are_converted_in_initialisation_too(bench: Bench) -> None:
+    """With their offsets: the unit shows what it was given."""
+    unit = ForeignUnit(variables=[replace(KELVIN[0]), V(name="y", type="Real", causality="output", reference=4)])
+    unit.rules = ["map R 4 0 1"]
+    unit.write(bench.folder / "shown.fmu")
+    text = '[instance.k]\nfmu = "shown.fmu"\n' + S
+    recording = bench.run(text + wire("s.warm", "k.t")).recording
+    shown = recording.values[:, recording.columns.index("k.y")]
+    assert shown.tolist() == pytest.approx([293.15] * 6, rel=1e-15)
 
 
 def test_a_loop_that_does_not_settle_is_refused(tmp_path: Path, run_folder: Path) -> None:

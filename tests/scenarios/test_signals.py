@@ -316,3 +316,26 @@ def test_a_long_pulse_is_sampled_at_points(tmp_path: Path) -> None:
     values = signal_of(drive, tmp_path, 2e-4).sample(time)[:, 0]
     assert np.array_equal(values, signal(tmp_path, pulse=pulse).sample(time)[:, 0])
     assert values.max() == pytest.approx(np.pi * 0.0358 / (2 * 5e-3), rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("header", "clock"),
+    [("t,time,u", 1), ("Time,time,t", 1), ("u,T,v", 1), ("u,v,TIME", 2), ("a,b,c", 0), ("t,b,c", 0)],
+)
+def test_the_column_of_times(header: str, clock: int, tmp_path: Path) -> None:
+    """The one called time, else the only one of another spelling, else the first."""
+    path = tmp_path / "table.csv"
+    rows = np.array([[5.0, 6.0, 7.0], [6.0, 7.0, 9.0]])
+    path.write_text(f"{header}\n" + "\n".join(",".join(map(str, row)) for row in rows.tolist()) + "\n")
+    table = read_time_table(path)
+    assert table.time.tolist() == rows[:, clock].tolist()
+    assert table.columns == [name for k, name in enumerate(header.split(",")) if k != clock]
+    assert np.array_equal(table.values, np.delete(rows, clock, axis=1))
+
+
+@pytest.mark.parametrize("header", ["Time,t,u", "T,t,u"])
+def test_two_spellings_of_the_time_are_refused(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(f"{header}\n0,1,2\n")
+    with pytest.raises(InputError, match="row 1 must name one column time, got "):
+        read_time_table(path)

@@ -160,6 +160,12 @@ def test_a_truncated_library_is_one_line(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["validate", str(path)]) == 0
 
 
+def test_results_that_are_no_numbers_disagree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = referenced(tmp_path / "unit.fmu", "map R 5 6 nan")
+    line = lines(path, 1, capsys)[-1]
+    assert line == "reference y.csv: seen at 0 s must be 0.0 to 1e-06, got nan"
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_ctrl_c_ends_a_validation_that_hangs(tmp_path: Path) -> None:
     bad = referenced(tmp_path / "bad.fmu", "hang step")
