@@ -39,6 +39,7 @@ def test_headers_and_rows(text: str, header: list[str], header_row: int, rows: l
         ("a;b\n1;2\n", "row 1 has columns separated by semicolons"),
         ("a,b\n1,2\n\n3\n", "row 4 must have 2 values as the header, got 1"),
         ("a,b\n1,2\n3,inf\n", "row 3, column 'b' must be a finite number, got 'inf'"),
+        ("a,b\n1,1_000\n", "row 2, column 'b' must be a finite number, got '1_000'"),
         ("a,b\n1,0x10\n", "row 2, column 'b' must be a finite number, got '0x10'"),
         ('a,b\n1,"2,5"\n', "row 2, column 'b' has a decimal comma"),
     ],
