@@ -11,9 +11,9 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.text import is_decimal
 from flexbeams.plant.validation import read_text
 
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?[0-9]+,[0-9]+\s*")
 
 
@@ -25,11 +25,6 @@ class NumberTable:
     header_row: int
     rows: list[int]
     values: Array  # (rows, columns)
-
-
-def is_decimal(text: str) -> bool:
-    """Whether a text is a decimal number; 1_000 and digits of other scripts, which float() takes, are none."""
-    return _NUMBER.fullmatch(text) is not None
 
 
 def read_number_table(path: Path) -> NumberTable:

@@ -1,11 +1,19 @@
-"""Text from files and names, made fit to be displayed."""
+"""Text from files and names: made fit to be displayed, and whether it is a number."""
 
+import re
 import unicodedata
 
 MAX_QUOTED = 80  # characters of a file's content in a message
 
 # Control characters, formatting ones (text direction, zero width), lone surrogates, line and paragraph separators
 _HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+
+
+def is_decimal(text: str) -> bool:
+    """Whether a text is a decimal number; 1_000 and digits of other scripts, which float() takes, are none."""
+    return _NUMBER.fullmatch(text) is not None
 
 
 def printable(text: str, keep: str = "") -> str:

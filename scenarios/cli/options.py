@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from flexbeams.plant.number_table import is_decimal
-from flexbeams.plant.text import printable
+from flexbeams.plant.text import is_decimal, printable
 from flexbeams.scenarios.definition.choices import BASES, COUPLINGS
 from flexbeams.scenarios.definition.values import TypedNumber
 

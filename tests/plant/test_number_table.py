@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from flexbeams.plant.errors import InputError
-from flexbeams.plant.number_table import NumberTable, is_decimal, read_number_table
+from flexbeams.plant.number_table import NumberTable, read_number_table
+from flexbeams.plant.text import is_decimal
 
 
 def read(path: Path, text: str) -> NumberTable:

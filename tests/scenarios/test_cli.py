@@ -5,6 +5,8 @@ import os
 import re
 import shutil
 import signal
+import subprocess
+import sys
 import time
 import zipfile
 from collections.abc import Callable
@@ -21,7 +23,7 @@ from flexbeams.scenarios.masters.isolation import MasterError
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.recording import step_times
-from tests.helpers import UNITS, Workshop, command, design_of
+from tests.helpers import UNITS, Workshop, command, design_of, python_environment
 
 Write = Callable[[str, str], Path]
 VERBS = ("design", "build", "run", "list", "validate")
@@ -382,3 +384,22 @@ def test_all_errors_of_the_project_have_one_root() -> None:
     for kind in errors:
         assert issubclass(kind, FlexbeamsError)
     assert [kind for kind in errors if issubclass(kind, ValueError)] == [InputError]
+
+
+@pytest.mark.parametrize(
+    ("code", "absent"),
+    [
+        ("import flexbeams.scenarios.cli.main", ["numpy", "scipy", "pydantic"]),
+        ("import flexbeams.scenarios.runs.job", ["scipy", "matplotlib", "pyarrow"]),
+    ],
+)
+def test_commands_start_without_what_they_do_not_need(code: str, absent: list[str]) -> None:
+    """Help needs no arrays; a run whose units are kept needs no scipy."""
+    found = subprocess.run(
+        [sys.executable, "-c", f"{code}; import sys; print([m for m in {absent!r} if m in sys.modules])"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=python_environment(),
+    )
+    assert found.stdout.strip() == "[]"
