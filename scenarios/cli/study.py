@@ -36,6 +36,11 @@ def _part(context: click.Context, parameter: click.Parameter, text: str | None) 
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results. [default: studies/NAME]"
 )
+@click.option(
+    "--controller",
+    metavar="FILE.fmu|FILE.py:CLASS",
+    help="Of `study benchmark`: your own beside those of this project.",
+)
 @click.option("--full", type=click.IntRange(0), metavar="N", help="Make the report of run N alone, in OUT/runs/N.")
 @click.option("--no-report", is_flag=True, help="Write no study.html, and no reports of the worst runs.")
 @click.option(
@@ -55,6 +60,7 @@ def study(
     scheduler: str | None,
     part: tuple[int, int],
     out: Path | None,
+    controller: str | None,
     full: int | None,
     no_report: bool,
     no_batch: bool,
@@ -65,21 +71,32 @@ def study(
 
     A study file names what varies. Results go to Parquet files in OUT/data, one row a run, and to OUT/study.html. The
     same command goes on with a study that was interrupted or killed. Shipped studies: `flexbeams list`.
-    """
-    from flexbeams.scenarios.cli.study_tables import show_study, study_progress
-    from flexbeams.scenarios.studies.dataset import require_parquet
-    from flexbeams.scenarios.studies.pages import write_full_run, write_pages
-    from flexbeams.scenarios.studies.summary import study_summary
 
-    require_parquet()
+    `flexbeams study benchmark` compares controllers on fixed scenarios.
+    """
+    if name == "benchmark":
+        return _benchmark(controller or "", out, options, as_json)
+    if controller is not None:
+        raise click.UsageError("--controller belongs to `flexbeams study benchmark`")
     if scheduler is not None and jobs is not None:
         raise click.UsageError("--jobs is for processes of this machine, --scheduler for a cluster")
     planned = _planned(name, out, options, runs=runs, method=method, seed=seed, batch=not no_batch)
     if full is not None:
+        from flexbeams.scenarios.studies.pages import write_full_run
+
         note(f"{write_full_run(planned.plan, full, planned.folder)} written")
         return 0
+    return _run(planned, _workers(jobs, scheduler), part, not no_report, as_json)
+
+
+def _run(planned: "Study", workers: "Workers", part: tuple[int, int], report: bool, as_json: bool) -> int:
+    """Does the runs that are missing, and shows what there is once all are done."""
+    from flexbeams.scenarios.cli.study_tables import show_study, study_progress
+    from flexbeams.scenarios.studies.pages import write_pages
+    from flexbeams.scenarios.studies.summary import study_summary
+
     with study_progress() as progress:
-        finished = planned.run(_workers(jobs, scheduler), part=part, notify=note, progress=progress)
+        finished = planned.run(workers, part=part, notify=note, progress=progress)
     if not finished:
         note(f"flexbeams: interrupted; the same command goes on (results so far are in {planned.folder})")
         return INTERRUPTED
@@ -89,7 +106,7 @@ def study(
         note(f"part {part[0]} of {part[1]} is done; {left} runs of other parts are missing")
         return 0
     summary = study_summary(planned.plan, results)
-    if not no_report:
+    if report:
         write_pages(planned.plan, results, summary, planned.folder, note)
     if as_json:
         click.echo(json.dumps(summary, indent=2))
@@ -99,13 +116,24 @@ def study(
     return 0
 
 
+def _benchmark(controller: str, out: Path | None, options: dict[str, Any], as_json: bool) -> int:
+    from flexbeams.fmus.packaging.cache import cache_folder
+    from flexbeams.scenarios.cli.study_benchmark import show_benchmark
+    from flexbeams.scenarios.definition.settings import Settings
+
+    settings = Settings(build_folder=cache_folder(options.pop("build_folder")), **options)
+    return show_benchmark(controller, settings, out or Path("studies/benchmark"), as_json)
+
+
 def _planned(name: str, out: Path | None, options: dict[str, Any], **samples: Any) -> "Study":
     from flexbeams.fmus.packaging.cache import cache_folder
     from flexbeams.scenarios.definition.settings import Settings
     from flexbeams.scenarios.definition.study_file import load_study
+    from flexbeams.scenarios.studies.dataset import require_parquet
     from flexbeams.scenarios.studies.planning import plan_study
     from flexbeams.scenarios.studies.study import Study
 
+    require_parquet()
     file = load_study(name)
     settings = Settings(build_folder=cache_folder(options.pop("build_folder")), **options)
     return Study(plan=plan_study(file, settings, notify=note, **samples), folder=out or Path("studies") / file.name)

@@ -63,6 +63,22 @@ class BatchPlan:
         columns = [self._measured(m, figures[:, m.elements]) for m in self.measures]
         return np.stack(columns, axis=1)
 
+    def scales(self, figures: Array) -> Array:
+        """What differences of measures are relative to (n, measures): the largest value of the signal in its window.
+
+        Of settling times it is the time itself, of an overshoot in percent the smallest reference counts.
+        """
+        scales = self.measured(figures)
+        for k, measure in enumerate(self.measures):
+            if measure.check.measure in SETTLING:
+                continue
+            part = figures[:, measure.elements]
+            size = np.max(np.maximum(np.abs(part[:, :, LARGEST]), np.abs(part[:, :, SMALLEST])), axis=1)
+            if measure.check.measure == "overshoot_percent":
+                size = 100 * size / max(float(np.min(np.abs(measure.reference))), 1e-300)
+            scales[:, k] = np.maximum(scales[:, k], measure.factor * size)
+        return scales
+
     def _measured(self, measure: BatchMeasure, figures: Array) -> Array:
         check = measure.check
         reference = np.broadcast_to(measure.reference, figures.shape[:2])

@@ -32,6 +32,8 @@ def full_run(plan: StudyPlan, number: int, animation: bool = False) -> Run:
     if not 0 <= number < plan.samples.runs:
         raise InputError("run", f"must be from 0 to {plan.samples.runs - 1}", number)
     scenario = plan.file.scenario.scenario
+    if plan.file.study.signals is not None:
+        scenario = replace(scenario, record=[*(scenario.record or []), *plan.file.study.signals.record])
     options, starts = scenario.design, dict(plan.settings.overrides)
     for axis, value in zip(plan.axes, plan.samples.values[number].tolist(), strict=True):
         if axis.option:
@@ -133,6 +135,6 @@ def _facts(plan: StudyPlan, results: Results, summary: dict[str, Any]) -> list[t
         facts.append(("In every run", json.dumps(dict(plan.settings.overrides))))
     if checked["runs"]:
         gap = checked["largest_difference"]
-        text = f"in C; {checked['runs']} runs went through the FMI units as well: largest relative difference {gap:.1g}"
+        text = f"in C; {checked['runs']} runs went through the FMI units as well: within {gap:.1g} of the signal"
         facts.append(("Batch kernel", text))
     return facts

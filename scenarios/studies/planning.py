@@ -149,8 +149,10 @@ def plan_study(
     samples = plan_samples(axes, chosen, runs or study.runs, study.seed if seed is None else seed, source)
     if chosen == "grid" and runs not in (None, samples.runs):
         raise InputError("--runs", f"must be {samples.runs}, all points of the grid", runs)
-    if samples.runs != (runs or study.runs):
-        notify(f"{samples.runs} runs in place of {runs or study.runs}: {_why(samples)}")
+    if chosen == "saltelli" and samples.runs != (runs or study.runs):
+        inputs = len(samples.groups)
+        why = f"a Saltelli design of {inputs} inputs or groups has ({inputs} + 2) times a power of two"
+        notify(f"{samples.runs} runs in place of {runs or study.runs}: {why}")
     signals, every = _signals(study, prepared, source)
     return StudyPlan(
         file=file,
@@ -163,13 +165,6 @@ def plan_study(
         every=every,
         batch=batch,
     )
-
-
-def _why(samples: SamplePlan) -> str:
-    if samples.method == "grid":
-        return "all points of the grid"
-    inputs = len(samples.groups)
-    return f"a Saltelli design of {inputs} inputs or groups has ({inputs} + 2) times a power of two"
 
 
 def prepare_study(

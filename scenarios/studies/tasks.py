@@ -83,7 +83,7 @@ class Answer:
     measures: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (k, measures), NaN where a run failed
     failures: tuple[str, ...] = ()  # reasons, empty where a run is complete
     signals: Array | None = None  # (k, rows, columns)
-    differences: Array = field(default_factory=lambda: np.zeros(0))  # (k,) see `difference`, NaN of runs not checked
+    differences: Array = field(default_factory=lambda: np.zeros(0))  # (k,) from the units, NaN of runs not checked
     seconds: float = 0.0  # CPU time of the thread
 
 
@@ -110,11 +110,10 @@ def answer(request: Request) -> Answer:
     )
 
 
-def difference(measures: Array, others: Array) -> float:
-    """The largest difference of two sets of measures, relative to the larger of each pair; of two zeros 0."""
-    sizes = np.maximum(np.abs(measures), np.abs(others))
+def difference(measures: Array, others: Array, scales: Array) -> float:
+    """The largest difference of two sets of measures relative to their scales; 0 where a scale is 0."""
     gaps = np.abs(measures - others)
-    return float(np.max(np.divide(gaps, sizes, out=np.zeros_like(gaps), where=sizes > 0)))
+    return float(np.max(np.divide(gaps, scales, out=np.zeros_like(gaps), where=scales > 0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,16 +193,17 @@ class _Runs:
         if plan is None or self._batch is None:
             return [self.result(row) for row in values]
         figures, covered = self._batch.run(plan.values(values))
-        measures = plan.measured(figures)
+        measures, scales = plan.measured(figures), plan.scales(figures)
         found = []
-        for number, row, own, is_covered in zip(numbers.tolist(), values, measures, covered.tolist(), strict=True):
+        for k, (number, row) in enumerate(zip(numbers.tolist(), values, strict=True)):
+            own, is_covered = measures[k], covered[k]
             if not is_covered or not np.all(np.isfinite(own)):
                 found.append(self.result(row))
                 continue
             gap = np.nan
             if number in self._assignment.checked:
                 other = self.result(row)
-                gap = np.inf if other.failure else difference(own, other.measures)
+                gap = np.inf if other.failure else difference(own, other.measures, scales[k])
             found.append(_Result(measures=own, failure="", signals=None, difference=gap))
         return found
 
