@@ -41,12 +41,19 @@ class MfcChannels(Unit):
         return self.view(name).reshape(len(self.view("u")), -1)
 
     def restore(self) -> None:
+        """Operators and limits of the saved parameters."""
         self._take_parameters()
+        if not (np.isfinite(self._plays).all() and np.isfinite(self._creeps).all()):
+            self._refuse_state()
+
+    def _broken_rule(self) -> str | None:
+        """What the parameters break, in a line."""
+        return broken_rule(self._operators, lambda key, k, j: f"{key}[{k + 1},{j + 1}]")
 
     def _start(self) -> NDArray[np.float64]:
         """The states after the history; returns its last voltages, under which the patches rest."""
         self._take_parameters()
-        if rule := broken_rule(self._operators, lambda key, k, j: f"{key}[{k + 1},{j + 1}]"):
+        if rule := self._broken_rule():
             raise UnitError(rule)
         limits = self._limits
         for k, limit in enumerate(limits.tolist()):

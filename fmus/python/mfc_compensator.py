@@ -23,8 +23,10 @@ class MfcCompensator(MfcChannels, Unit):
         self._inverse = invert(self._operators)
 
     def restore(self) -> None:
+        """A state from before the end of the initialisation may have parameters without an inverse."""
         super().restore()
-        self._inverse = invert(self._operators)
+        if self._broken_rule() is None:
+            self._inverse = invert(self._operators)
 
     def advance(self, time: float, step: float) -> None:
         """The last commands held for `step` s; the next ones, for another step of this size."""

@@ -43,6 +43,13 @@ length = 0.006                # m
 beam = 1
 position = 0.2
 length = 0.006
+
+# [actuator]                  # amplifier, hysteresis and creep, for MfcActuator and MfcCompensator; see kiel
+# face_minimum = -500.0       # V
+# face_maximum = 1500.0       # V
+# supply = 500.0              # V
+# [[actuator.pair]]           # for each patch pair; `flexbeams identify hysteresis` fits one
+# linear_weight = 1.0
 """
 
 SCENARIO = """# {name}: the tip moves by 2 mm and stays there.

@@ -138,6 +138,17 @@ def test_parameters_without_an_inverse_are_named(
         np.testing.assert_array_equal(one.begin().take(output), 0.0)
 
 
+@pytest.mark.parametrize("unit", ["MfcActuator", "MfcCompensator"])
+def test_a_state_of_the_initialisation_keeps_what_is_refused_later(units: BuiltUnits, unit: str) -> None:
+    with loaded(units(unit)) as one, loaded(units(unit), "other") as other:
+        state = one.prepare(**{"dead_zone_slope[1,2]": -1.0}).saved()
+        other.prepare()
+        with pytest.raises(UnitFailure, match=r"dead_zone_slope\[1,2\] must leave the sum of slopes"):
+            other.restore(state).call("exitInitializationMode")
+        other.call("reset")
+        other.begin().advance(STEP)
+
+
 @needs_zig
 def test_both_kernels_agree() -> None:
     """Over steps of several sizes, with amplifier and history, to 1e-12 of the largest voltage."""
