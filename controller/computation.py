@@ -1,12 +1,14 @@
 """The steps of a design, one after the other."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from flexbeams.controller.design_record import Design, identify
 from flexbeams.controller.flatness import cancellation_ratio, flat_parameterisation, tabulate_input_shapes
 from flexbeams.controller.gains import control_arrays, offset_gain
+from flexbeams.controller.multi_input import RingingPlant, tabulate_spline_transitions
 from flexbeams.controller.offsets import OffsetMap, offset_map, uncertainty_of
 from flexbeams.controller.options import DesignOptions
 from flexbeams.controller.reach import Reach, reach_of
@@ -22,6 +24,7 @@ from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel, beam_model
+from flexbeams.plant.statespace import state_matrices
 from flexbeams.plant.static_sensitivities import static_sensitivities
 from flexbeams.plant.structure import Structure
 
@@ -41,7 +44,7 @@ def compute(structure: Structure, options: DesignOptions) -> Design:
         reduced = with_statics(reduced, statics)
     offsets = _offsets(statics, options)
     reach = _reach(statics, reduced, options)
-    motion, cancellation = _motion_arrays(reduced, options)
+    motion, figures = _motion(model, system, reduced, options)
     arrays = {
         **_model_arrays(reduced),
         **_gains(reduced, offsets, options),
@@ -55,7 +58,7 @@ def compute(structure: Structure, options: DesignOptions) -> Design:
         **verification.figures(),
         **({"offsets": offsets.figures()} if offsets else {}),
         **reach.figures(),
-        "flatness_cancellation": cancellation,
+        **figures,
         "warnings": [
             *options.limit_warnings(),
             *structure_warnings(model, system),
@@ -112,7 +115,19 @@ def _reach(statics: Statics, reduced: ReducedModel, options: DesignOptions) -> R
     return reach_of(gain, float(np.max(np.abs(statics.stations))))
 
 
-def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[str, Array], float]:
+def _motion(
+    model: BeamModel, system: SecondOrderSystem, reduced: ReducedModel, options: DesignOptions
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Arrays of the planner, and figures for the summary."""
+    if options.planner == "paper":
+        return _flat_motion(reduced, options)
+    A, B = state_matrices(system)
+    plant = RingingPlant.of(A, B, np.hstack([model.deflection, np.zeros_like(model.deflection)]))
+    table = tabulate_spline_transitions(reduced, plant, options.transition_time)
+    return table.transitions.arrays(), table.figures()
+
+
+def _flat_motion(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[str, Array], dict[str, Any]]:
     """The flat parameterisation (34)-(36), the planner's table and the transition (37).
 
     Beside them the cancellation ratio at the transition time, or at the shortest that can be planned.
@@ -132,4 +147,4 @@ def _motion_arrays(reduced: ReducedModel, options: DesignOptions) -> tuple[dict[
         "transition_constants": np.array([transition.exponent, transition.norm]),
     }
     shortest = max(options.transition_time, float(shapes.times[0]))
-    return arrays, cancellation_ratio(flat, transition, shortest)
+    return arrays, {"flatness_cancellation": cancellation_ratio(flat, transition, shortest)}

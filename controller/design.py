@@ -16,7 +16,8 @@ def compute_design(structure: Structure, options: DesignOptions | None = None) -
     Arrays: A, B, H_pi, H_pm, H_w, D_pi, D_pm, D_w (reduced, continuous); A_d, B_d (sampled); estimator_gain
     (m, n_pm), feedback_gain (n_u, m), static_inverse (n_u, n_pi) V/m, unreachable (n_pi, n_pi), the part of a target
     that is refused; flat_ratios (m,), mode_series (2 l, m), mode_inputs (2 l, n_u), mode_states (m, 2 l) of
-    FlatParameterisation; shape_times, shape_values; transition_table, transition_constants (exponent, norm).
+    FlatParameterisation; shape_times, shape_values; transition_table, transition_constants (exponent, norm). With the
+    planner "multi_input" in place of these nine those of SplineTransitions.
     Raises DesignError where a step has no acceptable result, or where the closed loop is unstable on a full plant.
     """
     from flexbeams.controller.computation import compute  # which takes longer to load than a kept design

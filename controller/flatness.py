@@ -24,11 +24,7 @@ def flat_parameterisation(model: ReducedModel) -> FlatParameterisation:
     Raises DesignError where eigenvectors are too dependent (a multiple eigenvalue) for the spectral form.
     """
     eigenvalues, vectors = np.linalg.eig(model.A)
-    if np.linalg.cond(vectors) > 1e10:
-        raise DesignError(
-            "the reduced model has (nearly) multiple eigenvalues, for which the spectral form (31) "
-            "does not exist; change reduced_modes or the structure"
-        )
+    require_independent(vectors)
     inputs = np.linalg.solve(vectors, model.B.astype(complex))
     # The small factors first, pairs kept together; s in units of a mean eigenvalue keeps the coefficients in range
     order = sorted(range(len(eigenvalues)), key=lambda k: (-abs(eigenvalues[k]), eigenvalues[k].imag))
@@ -39,7 +35,7 @@ def flat_parameterisation(model: ReducedModel) -> FlatParameterisation:
     modes = np.flatnonzero(eigenvalues[order].imag >= 0)
     weights = np.where(eigenvalues[order][modes].imag > 0, 2.0, 1.0)
     reach = -inputs[modes] / eigenvalues[order][modes, None]  # (l, n_u): (34b) at rest
-    lead = _leading_entries(reach)
+    lead = leading_entries(reach)
     shapes = vectors[:, modes] * (weights * lead)
     return FlatParameterisation(
         ratios=np.arange(1, len(c)) * c[1:] / c[:-1] / unit,
@@ -58,7 +54,16 @@ def _products(factors: Array, omitted: NDArray[np.intp]) -> Array:
     return products
 
 
-def _leading_entries(inputs: Array) -> Array:
+def require_independent(vectors: Array) -> None:
+    """DesignError where eigenvectors (m, m) are too dependent to be coordinates."""
+    if np.linalg.cond(vectors) > 1e10:
+        raise DesignError(
+            "the reduced model has (nearly) multiple eigenvalues, for which the spectral form (31) "
+            "does not exist; change reduced_modes or the structure"
+        )
+
+
+def leading_entries(inputs: Array) -> Array:
     """Of each mode the first prominent entry of its inputs (l, n_u), by which it is scaled; 1 where there is none."""
     sizes = np.abs(inputs)
     first = np.argmax(sizes >= _PROMINENT * sizes.max(axis=1, keepdims=True), axis=1)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from flexbeams.controller.choices import OutputWeight
+from flexbeams.controller.choices import OutputWeight, PlannerName
 from flexbeams.controller.transition import LOWEST_ORDER
 from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.plant.choices import BasisName
@@ -55,6 +55,7 @@ class DesignOptions:
     static_gain: Literal["full", "reduced"] = "full"  # which DC gain turns a target into the flat output
     # a target that no voltages reach is refused, or replaced by the "nearest" one (least sum of squares)
     targets: Literal["reachable", "nearest"] = "reachable"
+    planner: PlannerName = "paper"  # "multi_input": transitions whose length does not grow with the number of beams
     sample_time: Positive = 2e-4  # s
     transition_time: Annotated[float, Field(ge=1e-3, le=1e4, strict=True)] = 0.9  # s, as the unit's bounds
     gevrey_order: Annotated[float, Field(ge=LOWEST_ORDER, lt=2, strict=True)] = 1.9

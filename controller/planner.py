@@ -1,6 +1,8 @@
 """Superposed transitions and the shortest duration of a new one within the voltage limits (Remarks 4 and 5)."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -9,7 +11,27 @@ from flexbeams.plant.basis import Array
 
 OFF_REACH = 1e-3  # of the largest target: one this far from what voltages reach is refused
 LONGEST_FACTOR = 8.0  # longest transition tried, as a multiple of the longest one tabulated or under way
+PLANNING_TICKS = 125  # sample times that a plan takes: each does an equal part of it, so that no step takes long
+MOST_CANDIDATES = 128  # transition times tried from the requested one to the longest
 LIMIT_ROUNDING = 1e-9  # of the largest limit: a voltage this far beyond its own is within
+
+
+class Curves(Protocol):
+    """Voltages over a transition for each of its possible durations."""
+
+    @property
+    def grid(self) -> Array:
+        """Where a plan is checked: tau (n + 1,) from 0 to 1."""
+
+    @property
+    def excess(self) -> float:
+        """Part of the largest limit by which a plan may exceed a limit."""
+
+    def candidates(self, requested: float, longest: float) -> Array:
+        """Durations (k,) to choose from, ascending: from `requested` s on; `longest` is that of those under way."""
+
+    def voltages(self, duration: float, change: Array, tau: Array) -> Array:
+        """Voltages (l, n_u) at tau (l,) of a transition by `change` (n_u,), V."""
 
 
 def sample_grid(intervals: int) -> Array:
@@ -29,30 +51,52 @@ class InputShapes:
     times: Array  # (k,), s, ascending
     values: Array  # (k, n + 1), at sample_grid(n)
 
+    excess = 0.0
+
+    @cached_property
+    def grid(self) -> Array:
+        """The grid of the table."""
+        return sample_grid(self.values.shape[1] - 1)
+
+    def candidates(self, requested: float, longest: float) -> Array:
+        """Durations in the table's geometric progression, coarser where these were more than MOST_CANDIDATES."""
+        first = max(requested, float(self.times[0]))
+        last = max(float(self.times[-1]), longest, requested) * LONGEST_FACTOR
+        growth = float(self.times[1] / self.times[0])
+        count = int(np.log(last / first) / np.log(growth)) + 1
+        if count > MOST_CANDIDATES:
+            count, growth = MOST_CANDIDATES, (last / first) ** (1 / (MOST_CANDIDATES - 1))
+        durations: Array = first * growth ** np.arange(count, dtype=np.float64)
+        return durations
+
+    def voltages(self, duration: float, change: Array, tau: Array) -> Array:
+        """The curve times the change."""
+        return np.outer(self.at(duration, tau), change)
+
     def at(self, duration: float, tau: Array) -> Array:
         """The curve of a transition of `duration` s at tau, linear between tabulated curves and grid points."""
         row = float(np.interp(duration, self.times, np.arange(len(self.times))))
         low = min(int(row), len(self.times) - 2)
         fraction = row - low
         curve = (1 - fraction) * self.values[low] + fraction * self.values[low + 1]
-        values: Array = np.interp(tau, sample_grid(len(curve) - 1), curve)
+        values: Array = np.interp(tau, self.grid, curve)
         return values
 
 
 @dataclass(frozen=True, kw_only=True)
 class PendingTransitions:
-    """Transitions under way: u_j(t) = offset_j + sum_k changes_kj shape((t - starts_k) / durations_k)."""
+    """Transitions under way, which add up."""
 
-    offset: Array  # (n_u,), V: flat output that earlier transitions have reached
+    offset: Array  # (n_u,), V: voltages at rest that earlier transitions have reached
     starts: Array  # (k,), s
     durations: Array  # (k,), s
     changes: Array  # (k, n_u), V
 
-    def voltage(self, shapes: InputShapes, time: Array) -> Array:
+    def voltage(self, curves: Curves, time: Array) -> Array:
         """Planned voltages at `time` (l,); shape (l, n_u)."""
         u = np.tile(self.offset, (len(time), 1))
         for start, duration, change in zip(self.starts, self.durations, self.changes, strict=True):
-            u += np.outer(shapes.at(duration, np.clip((time - start) / duration, 0, 1)), change)
+            u += curves.voltages(duration, change, np.clip((time - start) / duration, 0, 1))
         return u
 
     def with_transition(self, start: float, duration: float, change: Array) -> "PendingTransitions":
@@ -73,52 +117,109 @@ class TransitionPlan:
     peak: float  # largest |u| of the whole motion with this duration, V; refused at rest, at the target
     peak_at_rest: float  # largest |u| at the target, V
     at_rest: bool  # refused for the voltages at the target
+    as_requested: bool  # the first duration that was tried
     violation: Violation  # why it is refused, or why it takes longer than asked
 
 
 def plan_transition(
     motion: PendingTransitions,
-    shapes: InputShapes,
+    curves: Curves,
     *,
     now: float,
     change: Array,
     requested: float,
     limit: float | VoltageLimits,
 ) -> TransitionPlan:
-    """The shortest transition of at least `requested` s that keeps the whole motion within the limits.
+    """A short transition of at least `requested` s that keeps the whole motion within the limits.
 
-    `change` (n_u,) is the change of the flat output; a number as `limit` is one of all magnitudes (V). The limits hold
-    to about 0.1 %, the resolution of the table. Where a voltage already exceeds one, because it was narrowed, the
-    transition may start there and go no further.
+    `change` (n_u,) is the change of the voltages at rest; a number as `limit` is one of all magnitudes (V). The limits
+    hold to about 0.1 %, the resolution of the curves. Where a voltage already exceeds one, because it was narrowed, the
+    transition may start there and go no further. Where the requested duration does not fit, others are bisected: the
+    next shorter candidate then does not fit.
     """
     limits = limit if isinstance(limit, VoltageLimits) else VoltageLimits.symmetric(limit, len(change))
     goal = motion.offset + motion.changes.sum(axis=0) + change
     peak_at_rest = float(np.max(np.abs(goal)))
-    violation = limits.furthest_beyond(goal, goal)
+    beyond = limits.furthest_beyond(goal, goal)
 
-    def plan(duration: float, peak: float, violation: Violation, *, at_rest: bool = False) -> TransitionPlan:
+    def plan(
+        duration: float, peak: float, violation: Violation, *, at_rest: bool = False, as_requested: bool = False
+    ) -> TransitionPlan:
         return TransitionPlan(
-            duration=duration, peak=peak, peak_at_rest=peak_at_rest, at_rest=at_rest, violation=violation
+            duration=duration,
+            peak=peak,
+            peak_at_rest=peak_at_rest,
+            at_rest=at_rest,
+            as_requested=as_requested,
+            violation=violation,
         )
 
-    if not violation.excess <= LIMIT_ROUNDING * limits.largest:
-        return plan(0.0, peak_at_rest, violation, at_rest=True)
-    tolerated = limits.containing(motion.voltage(shapes, np.array([now]))[0])
-    tau = sample_grid(shapes.values.shape[1] - 1)
-    pending = [time[time > now] for time in motion.starts[:, None] + np.outer(motion.durations, tau)]
-    longest = max(shapes.times[-1], *motion.durations, requested) * LONGEST_FACTOR
-    duration, peak = max(requested, float(shapes.times[0])), peak_at_rest
-    growth = float(shapes.times[1] / shapes.times[0])
-    while duration <= longest:
-        extended = motion.with_transition(now, duration, change)
-        extremes = [_extremes(extended.voltage(shapes, time)) for time in [now + duration * tau, *pending] if len(time)]
+    if not beyond.excess <= LIMIT_ROUNDING * limits.largest:
+        return plan(0.0, peak_at_rest, beyond, at_rest=True)
+    search = _Search(motion, curves, now, change, limits)
+    candidates = curves.candidates(requested, float(np.max(motion.durations, initial=0.0)))
+    violation, peak = search.violation(float(candidates[0]))
+    if violation is None:
+        return plan(float(candidates[0]), peak, beyond, as_requested=True)
+    low, high, beyond, best = 0, len(candidates), violation, peak
+    while high - low > 1:
+        index = len(candidates) - 1 if high == len(candidates) else (low + high) // 2
+        violation, peak = search.violation(float(candidates[index]))
+        if violation is None:
+            high, best = index, peak
+        elif index == len(candidates) - 1:
+            return plan(0.0, peak, violation)
+        else:
+            low, beyond = index, violation
+    return plan(float(candidates[high]), best, beyond) if high < len(candidates) else plan(0.0, best, beyond)
+
+
+def plan_at_tick(
+    motion: PendingTransitions,
+    curves: Curves,
+    *,
+    tick: int,
+    sample_time: float,
+    change: Array,
+    requested: float,
+    limit: float | VoltageLimits,
+) -> tuple[int, TransitionPlan]:
+    """The plan for a target that is seen at a tick, and the tick at which it takes effect.
+
+    That is the same one where the target is refused for its voltages at rest, or where there is no motion and the first
+    duration fits; else it is PLANNING_TICKS later, since a search takes them.
+    """
+    for start in (tick, tick + PLANNING_TICKS):
+        plan = plan_transition(motion, curves, now=start * sample_time, change=change, requested=requested, limit=limit)
+        if plan.at_rest or (len(motion.starts) == 0 and plan.as_requested):
+            break
+    return start, plan
+
+
+class _Search:
+    """Whether the motion with a new transition keeps within the limits, for each duration."""
+
+    def __init__(
+        self, motion: PendingTransitions, curves: Curves, now: float, change: Array, limits: VoltageLimits
+    ) -> None:
+        self._motion, self._curves, self._now, self._change = motion, curves, now, change
+        self._tolerated = limits.containing(motion.voltage(curves, np.array([now]))[0])
+        self._excess = (LIMIT_ROUNDING + curves.excess) * self._tolerated.largest
+        times = motion.starts[:, None] + np.outer(motion.durations, curves.grid)
+        self._pending = [time[time > now] for time in times]
+
+    def violation(self, duration: float) -> tuple[Violation | None, float]:
+        """What breaks a limit furthest with a duration, None where nothing does; largest |u|, V."""
+        extended = self._motion.with_transition(self._now, duration, self._change)
+        extremes = [
+            _extremes(extended.voltage(self._curves, time))
+            for time in [*self._pending, self._now + duration * self._curves.grid]
+            if len(time)
+        ]
         lowest, highest = np.min([e[0] for e in extremes], axis=0), np.max([e[1] for e in extremes], axis=0)
+        beyond = self._tolerated.furthest_beyond(lowest, highest)
         peak = float(max(np.max(np.abs(lowest)), np.max(np.abs(highest))))
-        beyond = tolerated.furthest_beyond(lowest, highest)
-        if beyond.excess <= LIMIT_ROUNDING * tolerated.largest:
-            return plan(duration, peak, violation)
-        duration, violation = duration * growth, beyond
-    return plan(0.0, peak, violation)
+        return (None if beyond.excess <= self._excess else beyond), peak
 
 
 def _extremes(u: Array) -> tuple[Array, Array]:

@@ -1,14 +1,13 @@
 """Reference results of FlatnessFeedforward: a sum over all transitions at any time, where the kernels retire them.
 
-The series of Theta and the planner are those of the Python kernel.
+Transitions and planner are those of the Python kernel.
 """
 
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.controller.flat_output import FlatParameterisation
-from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
-from flexbeams.controller.transition import Transition
+from flexbeams.controller.motion_model import motion_model
+from flexbeams.controller.planner import PendingTransitions, plan_at_tick
 from flexbeams.fmus.references.experiments import Experiment, Series, jumps, names_of
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
@@ -63,15 +62,16 @@ def _transitions(
     step, parameters = design.options.sample_time, parameters or {}
     requested = float(parameters.get("transition_time", design.options.transition_time))
     preview = float(parameters.get("preview", 0.0))
-    first = feedforward_plan(design, [3 * step], targets[:1], requested)
+    first = feedforward_plan(design, [3], targets[:1], requested)
     stride = max(1, round(float(first.durations.sum()) / rows_per_transition / step))
     begins = [3, 16 * stride][: len(targets)]
-    motion = feedforward_plan(design, [k * step for k in begins], targets, requested)
+    motion = feedforward_plan(design, begins, targets, requested)
     if len(motion.starts) < len(targets):
         return None
     ticks = stride * np.arange(output_rows + 1.0)
     values = [
-        feedforward_outputs(design, motion, sum(b < k for b in begins), k * step + preview) for k in ticks.tolist()
+        feedforward_outputs(design, motion, int(np.sum(motion.starts < (k - 0.5) * step)), k * step + preview)
+        for k in ticks.tolist()
     ]
     n_u, n_pi = design.arrays["static_inverse"].shape
     outputs = (*names_of("u_ff", n_u), *names_of("x_ref", len(design.arrays["A"])), *names_of("y_ref", n_pi), "moving")
@@ -91,34 +91,42 @@ def _transitions(
     )
 
 
-def feedforward_plan(design: Design, starts: list[float], targets: Array, requested: float) -> PendingTransitions:
-    """The motion from rest at 0 through targets (i, n_pi) set at `starts` (s), without those that are refused."""
-    arrays = design.arrays
-    inverse, shapes = arrays["static_inverse"], InputShapes(times=arrays["shape_times"], values=arrays["shape_values"])
+def feedforward_plan(design: Design, seen: list[int], targets: Array, requested: float) -> PendingTransitions:
+    """The motion from rest at 0 through targets (i, n_pi) seen at these ticks, without those that are refused."""
+    inverse, curves, step = (
+        design.arrays["static_inverse"],
+        motion_model(design.arrays).curves,
+        design.options.sample_time,
+    )
     limits = design.options.voltage_limits(len(inverse))
     motion = PendingTransitions(
         offset=np.zeros(len(inverse)), starts=np.zeros(0), durations=np.zeros(0), changes=np.zeros((0, len(inverse)))
     )
-    for start, target in zip(starts, targets, strict=True):
+    for tick, target in zip(seen, targets, strict=True):
         change = inverse @ target - motion.changes.sum(axis=0)
-        plan = plan_transition(motion, shapes, now=start, change=change, requested=requested, limit=limits)
+        start, plan = plan_at_tick(
+            motion,
+            curves,
+            tick=tick,
+            sample_time=step,
+            change=change,
+            requested=requested,
+            limit=limits,
+        )
         if plan.duration > 0:
-            motion = motion.with_transition(start, plan.duration, change)
+            motion = motion.with_transition(start * step, plan.duration, change)
     return motion
 
 
 def feedforward_outputs(design: Design, motion: PendingTransitions, begun: int, time: float) -> Array:
     """u_ff, x_ref, y_ref and moving (0 or 1) at `time` (s), of the first `begun` transitions, (n_u + m + n_pi + 1,)."""
     arrays = design.arrays
-    exponent, norm = arrays["transition_constants"].tolist()
-    theta = Transition(exponent=exponent, norm=norm, table=arrays["transition_table"])
-    flat = FlatParameterisation.of(arrays)
-    u, x = np.zeros(len(motion.offset)), np.zeros(len(arrays["A"]))
-    for start, duration, change in zip(
-        motion.starts[:begun], motion.durations[:begun], motion.changes[:begun], strict=True
-    ):
-        terms = flat.terms(theta, min(max((time - start) / duration, 0.0), 1.0), duration)
-        u += np.sum(terms) * change
-        x += flat.state(flat.amplitudes(terms, change))
+    begun_motion = PendingTransitions(
+        offset=motion.offset,
+        starts=motion.starts[:begun],
+        durations=motion.durations[:begun],
+        changes=motion.changes[:begun],
+    )
+    u, x = motion_model(arrays).references(begun_motion, time)
     moving = bool(np.any(time < motion.starts[:begun] + motion.durations[:begun]))
     return np.concatenate([u, x, arrays["H_pi"] @ x + arrays["D_pi"] @ u, [moving]])

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.controller.planner import sample_grid
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.fmus.documents.documentation import PAPER, Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.flatness_feedforward import feedforward_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
+from flexbeams.fmus.units.motion_tables import MOTION_ARRAYS, SLOTS, motion_fields
 from flexbeams.fmus.units.native_kernel import (
     NATIVE,
     Fields,
@@ -18,13 +19,10 @@ from flexbeams.fmus.units.native_kernel import (
     Table,
     UnitData,
     first_references,
-    header_constant,
 )
 from flexbeams.fmus.units.ranges import target_range
 from flexbeams.fmus.units.voltage_limits import VOLTAGE_LIMITS, voltage_limits
 from flexbeams.plant.galerkin import BeamModel
-
-SLOTS = header_constant(NATIVE / "units" / "flat_output.h", "SLOTS")  # transitions in progress at once
 
 
 def declare(design: Design, model: BeamModel) -> Interface:
@@ -58,7 +56,7 @@ def declare(design: Design, model: BeamModel) -> Interface:
             ),
             Variable(name="moving", type="Boolean", causality="output", description="A transition is in progress"),
             *_last_plan(limit),
-            _transition_time(options.transition_time),
+            _transition_time(design),
             *voltage_limits(design, "planned voltages"),
             _preview(),
             design_id_variable(design),
@@ -92,15 +90,16 @@ def _last_plan(limit: float) -> Iterator[Variable]:
     )
 
 
-def _transition_time(start: float) -> Variable:
+def _transition_time(design: Design) -> Variable:
+    tabulated = design.arrays.get("spline_times")  # others than these have no spline
     return Variable(
         name="transition_time",
         causality="parameter",
         variability="tunable",
         unit="s",
-        start=start,
+        start=design.options.transition_time,
         minimum=1e-3,
-        maximum=1e4,
+        maximum=1e4 if tabulated is None else float(tabulated[-1]),
         description="Requested duration of the next transition; longer where a voltage limit requires it",
     )
 
@@ -120,35 +119,26 @@ def _preview() -> Variable:
 
 def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitData:
     """Arrays of the design by their names, and reference_outputs (n_pi, m + n_u): y_ref of (x_ref, u_ff)."""
-    names = (
-        "static_inverse",
-        "unreachable",
-        "flat_ratios",
-        "mode_series",
-        "mode_inputs",
-        "mode_states",
-        "shape_times",
-        "shape_values",
-        "transition_table",
-        "transition_constants",
-    )
+    names = ("static_inverse", "unreachable", *MOTION_ARRAYS[design.options.planner])
     return UnitData(
         arrays={
             **{name: design.arrays[name] for name in names},
             "reference_outputs": np.hstack([design.arrays["H_pi"], design.arrays["D_pi"]]),
         },
-        meta={"sample_time": design.options.sample_time, "design_id": design.design_id, "slots": SLOTS},
+        meta={
+            "sample_time": design.options.sample_time,
+            "design_id": design.design_id,
+            "slots": SLOTS,
+            "planner": design.options.planner,
+        },
     )
 
 
 def native_data(interface: Interface, data: UnitData) -> Fields:
     """The fields of FlatnessFeedforwardData."""
-    arrays = data.arrays
-    curves = arrays["shape_values"]
     return {
-        "points": arrays["static_inverse"].shape[1],
-        "durations": len(curves),
-        "intervals": curves.shape[1] - 1,
+        "points": data.arrays["static_inverse"].shape[1],
+        "sample_time": data.meta["sample_time"],
         **first_references(
             interface,
             "y_target",
@@ -163,58 +153,15 @@ def native_data(interface: Interface, data: UnitData) -> Fields:
             *VOLTAGE_LIMITS,
             "preview",
         ),
-        "flat": _native_flat_output(data),
+        **motion_fields(data),
         **_native_outputs(data),
-        **_native_curves(data),
-    }
-
-
-def _native_flat_output(data: UnitData) -> Fields:
-    """The fields of FlatOutput: what gives voltages and states, and Theta."""
-    arrays = data.arrays
-    (states, width), (_, voltages) = arrays["mode_states"].shape, arrays["mode_inputs"].shape
-    degree, nodes = len(arrays["flat_ratios"]), len(arrays["transition_table"]) - 1
-    exponent, norm = arrays["transition_constants"].tolist()
-    return {
-        "voltages": voltages,
-        "states": states,
-        "degree": degree,
-        "modes": width // 2,
-        "ratios": Table(
-            values=arrays["flat_ratios"],
-            comment=f"(i + 1) c_(i+1) / c_i of u = sum_i c_i xi^(i) (31), c_0 = 1, ({degree},), s",
-        ),
-        "mode_series": Table(
-            values=arrays["mode_series"],
-            comment=f"D_l,i / c_i of each mode (34), real before imaginary parts, ({width}, {degree}), 1",
-            in_panels=True,
-        ),
-        "mode_inputs": Table(
-            values=arrays["mode_inputs"],
-            comment=f"amplitudes of the modes for voltages at rest, likewise, ({width}, {voltages}), 1/V",
-            in_panels=True,
-        ),
-        "mode_states": Table(
-            values=arrays["mode_states"],
-            comment=f"x_ref for amplitudes of the modes, likewise, ({states}, {width}), 1",
-            in_panels=True,
-        ),
-        "transition": {
-            "exponent": exponent,
-            "norm": norm,
-            "nodes": nodes,
-            "table": Table(
-                values=arrays["transition_table"],
-                comment=f"Theta(i / {nodes}) of (37), i = 0 ... {nodes}, ({nodes + 1},), 1",
-            ),
-        },
     }
 
 
 def _native_outputs(data: UnitData) -> Fields:
     """The voltages of a target at rest, and the reference outputs."""
     arrays, inverse = data.arrays, data.arrays["static_inverse"]
-    (voltages, points), states = inverse.shape, len(arrays["mode_states"])
+    (voltages, points), states = inverse.shape, arrays["reference_outputs"].shape[1] - len(inverse)
     return {
         "static_inverse": Table(
             values=inverse,
@@ -234,27 +181,6 @@ def _native_outputs(data: UnitData) -> Fields:
     }
 
 
-def _native_curves(data: UnitData) -> Fields:
-    """The voltage over a transition, by which the planner judges transition times."""
-    durations, curves = data.arrays["shape_times"], data.arrays["shape_values"]
-    count, intervals = len(curves), curves.shape[1] - 1
-    return {
-        "curve_durations": Table(
-            values=durations,
-            comment=f"transition times of the voltage curves, ({count},), s",
-            decimals={"transition times, s": durations[None]},
-        ),
-        "curve_grid": Table(
-            values=sample_grid(intervals), comment=f"t / T at which the voltage curves are given, ({intervals + 1},), 1"
-        ),
-        "curves": Table(
-            values=curves,
-            comment=f"voltage per change of the flat output, a row for each transition time, "
-            f"({count}, {intervals + 1}), 1",
-        ),
-    }
-
-
 FLATNESS_FEEDFORWARD = UnitKind(
     name="FlatnessFeedforward",
     interface=declare,
@@ -268,15 +194,25 @@ The states are summed over the modes of the reduced model, whose amplitudes have
 A changed target starts a transition; transitions add, so that a new one may start while others are under way:
 = ξ(t) = ξ_0 + sum_k Δξ_k Θ((t−t_k) / T_k)
 = Θ(τ) = ∫_0^τ θ(s) d s / ∫_0^1 θ(s) d s ; θ(s) = exp(−(s (1−s))^{−g})
-Derivatives of Θ are exact: they come from power series. A transition takes transition_time, or as much longer as it
-takes to keep the whole motion within the limits: voltage_limit of all magnitudes, voltage_min and voltage_max of each
-pair. Where a limit was narrowed below a voltage under way, the motion goes no further. A target that needs more at
-rest, or that no voltages reach, is refused: one line in the log, target_refused is true, the previous target is held.
+Derivatives of Θ are exact: they come from power series.
+A design with the planner multi_input has splines of degree 5 for the voltages of all pairs instead, which add likewise.
+Their control points bring the reduced model from rest to rest in each of the tabulated times, with the least change
+from one to the next. Between knots the voltages are polynomials, under which each mode λ of the reduced model has the
+exact solution, with derivatives U_k of the voltages as the mode sees them and s the part of the span h:
+= y(s) = e^{λ h s} y(0) + h sum_k U_k s^{k+1} φ_{k+1}(λ h s) ; φ_k(z) = ∫_0^1 e^{(1−σ) z} σ^{k−1} / (k−1)! d σ
+A transition takes transition_time, of splines the next longer time tabulated, or as much longer as it takes to keep the
+whole motion within the limits: voltage_limit of all magnitudes, voltage_min and voltage_max of each pair; those of
+splines are kept to 0.1 % of the largest. Where a limit was narrowed below a voltage under way, the motion goes no
+further. A target that needs more at rest, or that no voltages reach, is refused: one line in the log, target_refused is
+true, the previous target is held.
 """,
-        timing="""
-A target set before a step starts its transition at the beginning of that step. Outputs after a step are those at its
-end plus preview, which compensates for the delay between this unit and the plant. At most eight transitions are in
-progress at once; a further one starts when one has ended.
+        timing=f"""
+The unit sees targets at the ticks of its sample time, whatever the size of a step, and in a step those that were set
+before it. From rest a transition starts at the tick that sees its target where transition_time fits. During a motion,
+and where a transition has to be longer, it starts {PLANNING_TICKS} ticks later: each of them does an equal part of the
+planning, so that no step takes long. Until then further targets wait; the latest is seen next. Outputs after a step are
+those at its end plus preview, which compensates for the delay between this unit and the plant. At most {SLOTS}
+transitions are in progress at once; a further one starts when the first has ended.
 """,
         literature=PAPER,
     ),

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from flexbeams.fmus.units.flatness_feedforward import SLOTS
+from flexbeams.fmus.units.motion_tables import SLOTS
 from flexbeams.scenarios.bench.callers import caller_costs
 from flexbeams.scenarios.bench.growth import REDUCED_MODES, measure_growth
 from flexbeams.scenarios.bench.loop_costs import (

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from flexbeams.controller.analysis import Analysis, LoopAnalysis
+from flexbeams.controller.motion_figures import motion_fact
 from flexbeams.scenarios.cli.tables import console
 
 _POINT_WIDTH, _GAIN_WIDTH = 13, 20  # characters of a column of points and of gains
@@ -29,7 +30,7 @@ def show_design(analysis: Analysis) -> None:
         f"{s['hankel_position'][0]:.3e}, last retained {s['hankel_position'][s['reduced_order'] // 2 - 1]:.3e}, "
         f"first truncated {_first_truncated(s)}"
     )
-    out.print(f"flatness series: terms cancel by a factor {s['flatness_cancellation']:.3g} over the transition")
+    out.print("{}: {}".format(*motion_fact(s)))
     modes = Table(title="modes", title_justify="left")
     for heading in ("mode", "undamped, rad/s", "Hz", "damping ratio", "reduced model, 1/s"):
         modes.add_column(heading, justify="right")

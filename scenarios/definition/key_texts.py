@@ -185,6 +185,7 @@ KEYS: dict[str, dict[str, tuple[str, str]]] = {
         "uncertainty": ("", "Relative half widths of parameters for offset_free, such as 'patch[].piezo_ratio' = 0.1."),
         "static_gain": ("", "Which gain at rest turns a target into voltages."),
         "targets": ("", "A target that no voltages reach is refused, or replaced by the nearest one."),
+        "planner": ("", "Transitions of the paper's flat output, or of a spline for each input: multi_input."),
         "sample_time": ("s", "Sample time of the controller."),
         "transition_time": ("s", "Duration of a transition."),
         "gevrey_order": ("", "Smoothness of a transition, below 2."),

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexbeams.controller.analysis import Analysis, LoopAnalysis
 from flexbeams.controller.frequency import Complex
+from flexbeams.controller.motion_figures import motion_fact
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
@@ -238,6 +239,7 @@ def _mode_rows(summary: dict[str, Any]) -> list[list[str]]:
 
 def _facts(analysis: Analysis) -> list[tuple[str, str]]:
     design, s = analysis.design, analysis.design.summary
+    title, line = motion_fact(s)
     facts = [
         ("Design id", design.design_id),
         (
@@ -251,7 +253,7 @@ def _facts(analysis: Analysis) -> list[tuple[str, str]]:
             f"{100 * s['hankel_share']:.2f} % of the Hankel singular values retained",
         ),
         ("Integral gain", f"{s['integral_gain']:g} a sample, stable up to {s['integral_gain_limit']:g}"),
-        ("Flatness series", f"terms cancel by a factor {s['flatness_cancellation']:.3g}"),
+        (title[0].upper() + title[1:], line),
     ]
     options = asdict(design.options)
     weights = options.pop("weights")

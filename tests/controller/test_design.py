@@ -169,6 +169,7 @@ def test_id_depends_on_every_option() -> None:
         "observer": "offset_free",
         "uncertainty": {"spring[].stiffness": 0.2},
         "targets": "nearest",
+        "planner": "multi_input",
         "sample_time": 1e-4,
         "transition_time": 0.8,
         "gevrey_order": 1.8,

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
@@ -344,6 +345,7 @@ def test_lines_in_the_log_name_the_part() -> None:
     with loaded(tracking()) as unit:
         unit.begin(**{"feedforward.transition_time": 0.1})
         unit.advance(SAMPLE, **{"y_target": TARGET})
+        unit.advance(PLANNING_TICKS * SAMPLE)
         unit.advance(SAMPLE, **{"y_target": [0.3, 0.0, 0.0, 0.0]})
         assert [note.partition(" at ")[0] for note in unit.notes] == [
             "unit: feedforward: the transition",

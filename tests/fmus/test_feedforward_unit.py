@@ -5,12 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from flexbeams.controller.planner import PendingTransitions
+from flexbeams.controller.planner import PLANNING_TICKS, PendingTransitions
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import STRUCTURES, BuiltUnits, design_of
 from tests.units.loaded import Loaded, Real, loaded
 
 SAMPLE = 2e-4
+PLANNING = PLANNING_TICKS * SAMPLE  # s, from a target in a motion to its transition
 TARGET = np.array([-8e-3, 1e-3, 4e-3, -6e-3])
 FAR = TARGET * 1.5  # beyond the voltage limit at rest
 OUTPUTS = ("u_ff", "x_ref", "y_ref")
@@ -109,10 +110,11 @@ def test_outputs_do_not_depend_on_the_steps(units: BuiltUnits) -> None:
 def test_transitions_add_up(units: BuiltUnits) -> None:
     """Targets during the motion: the outputs are the sum of those that each change alone would give."""
     changes = {0: TARGET, 400: 0.4 * TARGET[::-1], 900: 1e-3 * np.ones(4)}
-    parts, before = np.zeros((1850, 38)), np.zeros(4)
+    parts, before, later = np.zeros((1850, 38)), np.zeros(4), round(PLANNING / 1e-3)
     for k, target in changes.items():
         with loaded(units("FlatnessFeedforward")) as unit:
-            parts += trace(unit.begin(voltage_limit=1e4), 1850, 1e-3, y_target={k: target - before})
+            alone = {k + later * (k > 0): target - before}
+            parts += trace(unit.begin(voltage_limit=1e4), 1850, 1e-3, y_target=alone)
         before = target
     with loaded(units("FlatnessFeedforward")) as unit:
         found = trace(unit.begin(voltage_limit=1e4), 1850, 1e-3, y_target=changes)
@@ -124,14 +126,13 @@ def test_transitions_add_up(units: BuiltUnits) -> None:
 @pytest.mark.slow
 def test_transitions_of_different_durations_add_up(units: BuiltUnits) -> None:
     """A short one ends while a long one that began earlier, and one that began later, go on."""
-    changes = {0: (TARGET, 1.3), 200: (0.4 * TARGET[::-1], 0.4), 300: (1e-3 * np.ones(4), 0.9), 650: (0 * TARGET, 0.5)}
-    parts, before = np.zeros((1400, 38)), np.zeros(4)
+    changes = {0: (TARGET, 1.3), 200: (0.4 * TARGET[::-1], 0.45), 300: (1e-3 * np.ones(4), 0.9), 650: (0 * TARGET, 0.5)}
+    parts, before, later = np.zeros((1400, 38)), np.zeros(4), round(PLANNING / 1e-3)
     folder = units("FlatnessFeedforward")
     for k, (target, time) in changes.items():
         with loaded(folder) as unit:
-            parts += trace(
-                unit.begin(voltage_limit=1e4, transition_time=time), 1400, 1e-3, y_target={k: target - before}
-            )
+            alone = {k + later * (k > 0): target - before}
+            parts += trace(unit.begin(voltage_limit=1e4, transition_time=time), 1400, 1e-3, y_target=alone)
         before = target
     with loaded(folder) as unit:
         found = trace(
@@ -372,7 +373,7 @@ def test_planned_voltages_are_those_put_out(units: BuiltUnits) -> None:
     first, second = voltages_of(TARGET), voltages_of(-1.2 * TARGET)
     motion = PendingTransitions(
         offset=np.zeros(4),
-        starts=np.array([0.0, 0.3]),
+        starts=np.array([0.0, 0.3 + PLANNING]),
         durations=np.array([0.9, 0.9]),
         changes=np.array([first, second]),
     )

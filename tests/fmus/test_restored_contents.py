@@ -6,6 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.fmus.python.snapshot import pack_state, unpack_state
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import BuiltUnits, Workshop
@@ -15,10 +16,10 @@ from tests.units.loaded import loaded
 SAMPLE = 2e-4
 RULE = "FMU state must have contents that this unit can have saved"
 # Arrays of a saved Python state: clock, values, then those of the kernel in the order of its setup, then texts
-PARTS = {"BeamPlant": 4, "FlatnessFeedforward": 9, "TrackingController": 9}
+PARTS = {"BeamPlant": 4, "FlatnessFeedforward": 12, "TrackingController": 9}
 CLOCK, VALUES = 0, 1
 INTEGRAL, TICK, IN_A_ROW, LOWEST, HIGHEST, SATURATED = 2, 3, 4, 5, 6, 7  # of the controller
-COUNT, STARTS, DURATIONS = 2, 5, 6  # of the feedforward
+COUNT, TICK_OF_TARGETS, DUE, STARTS, DURATIONS = 2, 3, 4, 7, 8  # of the feedforward
 
 
 def forged(state: bytes, unit: str, part: int, index: int, value: float, kind: str = "d") -> bytes:
@@ -47,6 +48,9 @@ CASES = [
     ("TrackingController", VALUES, 7, np.nan, "d"),
     ("FlatnessFeedforward", COUNT, 0, 9, "q"),
     ("FlatnessFeedforward", COUNT, 0, -1, "q"),
+    ("FlatnessFeedforward", TICK_OF_TARGETS, 0, 10**15, "q"),
+    ("FlatnessFeedforward", DUE, 0, 1 + PLANNING_TICKS + 1, "q"),
+    ("FlatnessFeedforward", DUE, 0, 0, "q"),
     ("FlatnessFeedforward", DURATIONS, 0, 0.0, "d"),
     ("FlatnessFeedforward", DURATIONS, 0, 1e13, "d"),
     ("FlatnessFeedforward", STARTS, 0, np.inf, "d"),

@@ -21,7 +21,7 @@ from scipy.linalg import cholesky, solve_triangular, svd
 from scipy.signal import cont2discrete
 
 from flexbeams.controller.design import Design
-from flexbeams.controller.planner import InputShapes, PendingTransitions, plan_transition
+from flexbeams.controller.planner import PLANNING_TICKS, InputShapes, PendingTransitions, plan_transition
 from flexbeams.plant.galerkin import BeamModel
 from tests.oracles.flat_series import factorials, flat_series
 from tests.oracles.gevrey import taylor_coefficients_at
@@ -88,8 +88,9 @@ def feedforward(
 ) -> Reference:
     """All outputs of the feedforward; targets (time, y) in order, those at time <= 0 the initial rest position.
 
-    A target is seen in the step from the first t_k >= time on; its transition starts at that t_k. `durations` has one
-    value for each later target, else the planner chooses; a refused target is skipped.
+    A target is seen in the step from the first t_k >= time on; its transition starts at that t_k where there is no
+    motion and the requested time fits, else after the samples that planning takes. `durations` has one value for each
+    later target, which all start from rest, else the planner chooses; a refused target is skipped.
     """
     arrays, options = design.arrays, design.options
     c, X = flat_series(arrays["A"], arrays["B"])
@@ -112,32 +113,31 @@ def feedforward(
         if at <= 0 or first > steps:
             continue
         change = inverse @ np.asarray(y) - offset - motion.changes.sum(axis=0)
-        duration = (
-            next(given, None)
-            if durations is not None
-            else plan_transition(
-                motion, shapes, now=first * step, change=change, requested=wanted, limit=limit
-            ).duration
-        )
+        moving = bool(np.any(first * step + preview < motion.starts + motion.durations))
+        for begin in (first, first + round(PLANNING_TICKS * options.sample_time / step)):
+            plan = plan_transition(motion, shapes, now=begin * step, change=change, requested=wanted, limit=limit)
+            duration = plan.duration if durations is None else next(given)
+            if not moving and (durations is not None or plan.as_requested):
+                break
         if duration:
-            firsts.append(first)
-            motion = motion.with_transition(first * step, duration, change)
+            firsts.append(begin)
+            motion = motion.with_transition(begin * step, duration, change)
     xi = np.zeros((steps + 1, m + 1, len(offset)))
     xi[:, 0] = offset
-    moving = np.zeros((steps + 1, 1))
+    moves = np.zeros((steps + 1, 1))
     index = np.arange(m + 1)
     for first, start, duration, change in zip(firsts, motion.starts, motion.durations, motion.changes, strict=True):
         later = np.arange(first + 1, steps + 1)
         tau = np.clip((time[later] + preview - start) / duration, 0, 1)
         series = taylor_coefficients_at(options.gevrey_order, tau, m)
         xi[later] += (series * factorials(m) / duration**index)[:, :, None] * change
-        moving[later, 0] += time[later] + preview < start + duration
+        moves[later, 0] += time[later] + preview < start + duration
     u_ff, x_ref = np.einsum("i,kij->kj", c, xi), np.einsum("aij,kij->ka", X, xi[:, :-1])
     return Reference(
         u_ff=u_ff,
         x_ref=x_ref,
         y_ref=x_ref @ arrays["H_pi"].T + u_ff @ arrays["D_pi"].T,
-        moving=(moving > 0).astype(float),
+        moving=(moves > 0).astype(float),
         starts=motion.starts,
         durations=motion.durations,
     )

@@ -7,6 +7,7 @@ import pytest
 
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.controller.transition import Transition
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
@@ -91,12 +92,12 @@ def test_feedforward_agrees_with_the_series(preview: float) -> None:
     targets = [(0.1, TARGET), (0.5, (-4e-3, 2e-3, 6e-3, -3e-3))]
     found = feedforward(design(), steps=8000, step=SAMPLE, targets=targets, preview=preview)
     np.testing.assert_array_equal(found.durations, [0.9, 0.9])
-    np.testing.assert_allclose(found.starts, [0.1, 0.5], rtol=1e-12)
+    np.testing.assert_allclose(found.starts, [0.1, 0.5 + PLANNING_TICKS * SAMPLE], rtol=1e-12)
     exponent, norm = arrays["transition_constants"]
     transition = Transition(exponent=float(exponent), norm=float(norm), table=arrays["transition_table"])
     rows = np.arange(0, 8001, 37)
     xi, before = np.zeros((len(rows), 31, 4)), np.zeros(4)
-    for at, y in targets:
+    for at, (_, y) in zip(found.starts, targets, strict=True):
         offset = arrays["static_inverse"] @ np.array(y)
         tau = np.where(rows * SAMPLE > at + 1e-9, (rows * SAMPLE + preview - at) / 0.9, 0.0)
         series = derivatives(transition, np.clip(tau, 0, 1), 30, 0.9)
@@ -108,8 +109,8 @@ def test_feedforward_agrees_with_the_series(preview: float) -> None:
     assert largest_difference(found.x_ref[rows], x_ref) < 1e-12
     assert largest_difference(found.y_ref[rows], x_ref @ arrays["H_pi"].T + u_ff @ arrays["D_pi"].T) < 1e-12
     assert not found.moving[:501].any()
-    assert found.moving[501:6900].all()
-    assert not found.moving[7002:].any()
+    assert found.moving[501:7000].all()
+    assert not found.moving[7102:].any()
 
 
 def test_preview_is_a_shift() -> None:
@@ -133,7 +134,7 @@ def test_targets_that_are_given_at_the_start_refused_or_stretched() -> None:
     np.testing.assert_allclose(found.u_ff[:2001], np.tile(first, (2001, 1)), rtol=1e-12)
     assert len(found.durations) == 1
     assert found.durations[0] > 0.5
-    np.testing.assert_allclose(found.starts, [0.4], rtol=1e-12)
+    np.testing.assert_allclose(found.starts, [0.4 + PLANNING_TICKS * SAMPLE], rtol=1e-12)
     assert np.max(np.abs(found.u_ff)) <= 1000 * (1 + 2e-3)
     given = feedforward(design(), steps=6000, step=SAMPLE, durations=[0.7], targets=[(0.1, TARGET)])
     np.testing.assert_array_equal(given.durations, [0.7])

@@ -3,9 +3,8 @@
 #ifndef FLAT_OUTPUT_H
 #define FLAT_OUTPUT_H
 
+#include "motion.h"
 #include "transition.h"
-
-#define SLOTS 8 /* transitions under way at once */
 
 /* Coefficients c_i of D_u and D_l,i of D_u without the factor of mode l occur as ratios only: c_i itself leaves the
    range of doubles. Complex numbers: real parts of all modes before the imaginary ones. */
@@ -21,20 +20,11 @@ typedef struct {
     Transition transition;
 } FlatOutput;
 
-/* Transitions under way: xi_j(t) = offset_j + sum_k changes_kj Theta((t - starts_k) / durations_k), V and s.
-   There is room for one more behind the last. */
-typedef struct {
-    size_t count;
-    double *offset;    /* (voltages,) */
-    double *starts;    /* (SLOTS,) */
-    double *durations; /* (SLOTS,) */
-    double *changes;   /* (SLOTS, voltages) */
-} Motion;
-
 /* Doubles of the scratch of evaluate_flat_output. */
 INTERNAL size_t flat_output_scratch(const FlatOutput *flat);
 
-/* u (voltages,) and x (states,) at `time` (s). */
+/* u (voltages,) and x (states,) at `time` (s): the flat output xi_j(t) = offset_j + sum_k changes_kj Theta((t -
+   starts_k) / durations_k). */
 INTERNAL void evaluate_flat_output(const FlatOutput *flat, const Motion *motion, double time, double *u, double *x,
                                    double *scratch);
 

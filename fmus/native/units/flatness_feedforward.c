@@ -2,6 +2,7 @@
 
 #include "flatness_feedforward.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -12,17 +13,22 @@
 #define TARGET_ROUNDING 1e-12 /* m: a host that interpolates a constant target moves it by less */
 #define OFF_REACH 1e-3        /* of the largest target: one this far from what voltages reach is refused */
 
-/* State: number of transitions under way, a double as all of the state; the target that they lead to (points,); then
-   the motion. */
+/* State: number of transitions under way; ticks done; the tick at which the plan of a search takes effect, or
+   NO_SEARCH; the target that all of these lead to (points,); the motion; the search. Whole numbers are doubles as all
+   of the state. */
+enum { COUNT, TICK, DUE, STATE_NUMBERS };
+#define NO_SEARCH (-1.0)
+
 static size_t flatness_feedforward_state_size(const void *data)
 {
     const FlatnessFeedforwardData *const feedforward = data;
-    return 1 + feedforward->points + feedforward->flat.voltages + SLOTS * (2 + feedforward->flat.voltages);
+    const size_t voltages = feedforward->flat.voltages;
+    return STATE_NUMBERS + feedforward->points + voltages + SLOTS * (2 + voltages) + search_size(feedforward);
 }
 
 static double *handled_target(const UnitInstance *unit)
 {
-    return unit->state + 1;
+    return unit->state + STATE_NUMBERS;
 }
 
 static Motion motion_of(const UnitInstance *unit)
@@ -31,47 +37,101 @@ static Motion motion_of(const UnitInstance *unit)
     double *const offset = handled_target(unit) + feedforward->points;
     double *const starts = offset + feedforward->flat.voltages;
     double *const durations = starts + SLOTS;
-    return (Motion){.count = (size_t)unit->state[0],
+    return (Motion){.count = (size_t)unit->state[COUNT],
                     .offset = offset,
                     .starts = starts,
                     .durations = durations,
-                    .changes = durations + SLOTS};
+                    .changes = durations + SLOTS,
+                    .splines = unit->workspace};
 }
 
-/* Workspace: of the flat output's evaluation, and a change of its offset behind it; or the outputs' arguments; or a
-   change, the limits of the voltages and scratch of the planner. */
+static PlanSearch search_of(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    return search_in(feedforward, motion_of(unit).changes + SLOTS * feedforward->flat.voltages);
+}
+
+static bool has_splines(const FlatnessFeedforwardData *feedforward)
+{
+    return feedforward->splines.durations > 0;
+}
+
+static size_t splines_size(const FlatnessFeedforwardData *feedforward)
+{
+    return has_splines(feedforward) ? SLOTS * spline_size(&feedforward->splines) : 0;
+}
+
+/* Workspace: the splines of the motion; then scratch of its evaluation, at most with voltages and states behind it; or
+   the outputs' arguments; or a change and the limits of the voltages. */
+static size_t evaluation_scratch(const FlatnessFeedforwardData *feedforward)
+{
+    return has_splines(feedforward) ? spline_scratch(&feedforward->splines) : flat_output_scratch(&feedforward->flat);
+}
+
 static size_t flatness_feedforward_workspace_size(const void *data)
 {
     const FlatnessFeedforwardData *const feedforward = data;
-    const size_t evaluation = flat_output_scratch(&feedforward->flat) + feedforward->flat.voltages;
-    const size_t outputs = feedforward->flat.states + feedforward->flat.voltages;
-    const size_t planning = (3 + PLANNER_SCRATCH) * feedforward->flat.voltages;
-    const size_t others = outputs > planning ? outputs : planning;
-    return evaluation > others ? evaluation : others;
+    const size_t voltages = feedforward->flat.voltages;
+    const size_t evaluation = evaluation_scratch(feedforward) + voltages + feedforward->flat.states;
+    return splines_size(feedforward) + (evaluation > 3 * voltages ? evaluation : 3 * voltages);
 }
 
-/* Transitions that have ended go into the offset; the others move up, in their order. Returns how many are left. */
-static size_t retire_transitions(UnitInstance *unit, double time)
+static double *scratch_of(const UnitInstance *unit)
 {
-    const double reached = time + clock_tolerance(unit, time, unit->step_size);
+    return unit->workspace + splines_size(unit->data);
+}
+
+static double reached_by(const UnitInstance *unit, double time)
+{
+    return time + clock_tolerance(unit, time, unit->step_size);
+}
+
+/* Transitions that have ended, those before them too, go into the offset; the others move up. None does while a search
+   looks at them. So the motion is the same whenever it is looked at. */
+static void retire_transitions(UnitInstance *unit, double time)
+{
+    if (unit->state[DUE] != NO_SEARCH)
+        return;
     const FlatnessFeedforwardData *const feedforward = unit->data;
     const Motion motion = motion_of(unit);
     const size_t voltages = feedforward->flat.voltages;
-    size_t left = 0;
-    for (size_t k = 0; k < motion.count; k++) {
-        const double *const change = motion.changes + k * voltages;
-        if (reached >= motion.starts[k] + motion.durations[k]) {
-            for (size_t j = 0; j < voltages; j++)
-                motion.offset[j] += change[j];
-            continue;
-        }
-        motion.starts[left] = motion.starts[k];
-        motion.durations[left] = motion.durations[k];
-        memmove(motion.changes + left * voltages, change, voltages * sizeof *change);
-        left++;
+    const double reached = reached_by(unit, time);
+    size_t ended = 0;
+    while (ended < motion.count && reached >= motion.starts[ended] + motion.durations[ended]) {
+        for (size_t j = 0; j < voltages; j++)
+            motion.offset[j] += motion.changes[ended * voltages + j];
+        ended++;
     }
-    unit->state[0] = (double)left;
-    return left;
+    if (ended == 0)
+        return;
+    const size_t left = motion.count - ended;
+    memmove(motion.starts, motion.starts + ended, left * sizeof(double));
+    memmove(motion.durations, motion.durations + ended, left * sizeof(double));
+    memmove(motion.changes, motion.changes + ended * voltages, left * voltages * sizeof(double));
+    if (has_splines(feedforward)) {
+        const size_t size = spline_size(&feedforward->splines);
+        memmove(motion.splines, motion.splines + ended * size, left * size * sizeof(double));
+    }
+    unit->state[COUNT] = (double)left;
+}
+
+static bool is_moving(const UnitInstance *unit, double time)
+{
+    const Motion motion = motion_of(unit);
+    const double reached = reached_by(unit, time);
+    for (size_t k = 0; k < motion.count; k++)
+        if (reached < motion.starts[k] + motion.durations[k])
+            return true;
+    return false;
+}
+
+static void evaluate(const UnitInstance *unit, const Motion *motion, double time, double *u, double *x)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    if (has_splines(feedforward))
+        evaluate_splines(&feedforward->splines, motion, time, u, x, scratch_of(unit));
+    else
+        evaluate_flat_output(&feedforward->flat, motion, time, u, x, scratch_of(unit));
 }
 
 /* Voltages, reference states and outputs of a motion at `time` in place of the variables' `values`. */
@@ -82,8 +142,8 @@ static void evaluate_references(const UnitInstance *unit, const Motion *motion, 
     const size_t states = feedforward->flat.states;
     double *const u = values + feedforward->u_ff;
     double *const x = values + feedforward->x_ref;
-    evaluate_flat_output(&feedforward->flat, motion, time, u, x, unit->workspace);
-    double *const state_and_input = unit->workspace;
+    evaluate(unit, motion, time, u, x);
+    double *const state_and_input = scratch_of(unit);
     memcpy(state_and_input, x, states * sizeof *x);
     memcpy(state_and_input + states, u, voltages * sizeof *u);
     multiply_panels(feedforward->points, states + voltages, feedforward->reference_outputs, state_and_input, false,
@@ -93,9 +153,10 @@ static void evaluate_references(const UnitInstance *unit, const Motion *motion, 
 static void write_references(UnitInstance *unit, double time)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
-    unit->values[feedforward->moving] = retire_transitions(unit, time) > 0;
+    retire_transitions(unit, time);
     const Motion motion = motion_of(unit);
     evaluate_references(unit, &motion, time, unit->values);
+    unit->values[feedforward->moving] = is_moving(unit, time);
 }
 
 /* Part of the target at a point that no voltages reach, m. */
@@ -125,13 +186,14 @@ static size_t unreachable_point(const FlatnessFeedforwardData *feedforward, cons
     return furthest > OFF_REACH * largest ? point : feedforward->points;
 }
 
-/* The limits of the voltages, behind a change in the workspace. */
+/* The limits of the voltages, behind a change in the scratch. */
 static VoltageRange limits_of(UnitInstance *unit)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
     const size_t voltages = feedforward->flat.voltages;
     const double *const values = unit->values;
-    const VoltageRange limits = {.lowest = unit->workspace + voltages, .highest = unit->workspace + 2 * voltages};
+    double *const behind = scratch_of(unit) + voltages;
+    const VoltageRange limits = {.lowest = behind, .highest = behind + voltages};
     join_limits(voltages, values[feedforward->voltage_limit], values + feedforward->voltage_min,
                 values + feedforward->voltage_max, limits);
     return limits;
@@ -171,21 +233,65 @@ static void warn_of_refusal(UnitInstance *unit, double time, const TransitionPla
 static void note_stretching(UnitInstance *unit, double time, double shortest, const TransitionPlan *plan)
 {
     const BrokenLimit broken = broken_limit(unit, plan->violation);
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    if (has_splines(feedforward) && plan->violation.excess <= 0.0) {
+        unit_note(unit, "the transition at %.6g s takes %.4g s, the next longer time of the design to %.4g s",
+                  unit->start + time, plan->duration, shortest);
+        return;
+    }
     unit_note(unit, "the transition at %.6g s is stretched from %.4g s to %.4g s to stay within %s%s%.1f V",
               unit->start + time, shortest, plan->duration, broken.is_own ? broken.name : "",
               broken.is_own ? " = " : "", broken.limit);
 }
 
-/* Start the transition to a changed target. */
-static void start_transition(UnitInstance *unit, double time)
+/* The plan takes effect: a transition starts, or the target is refused. `seen` is the tick that saw it. */
+static void follow_plan(UnitInstance *unit, const TransitionPlan *plan, double seen)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
     double *const values = unit->values;
-    double *const target = values + feedforward->y_target;
+    const bool refused = !(plan->duration > 0.0);
+    values[feedforward->target_refused] = refused;
+    values[feedforward->planned_peak] = plan->peak;
+    unit->state[DUE] = NO_SEARCH;
+    if (refused) {
+        warn_of_refusal(unit, seen * feedforward->sample_time, plan);
+        return;
+    }
+    const Motion motion = motion_of(unit);
+    const double shortest = values[feedforward->transition_time];
+    if (plan->duration > shortest * (1 + 1e-9))
+        note_stretching(unit, motion.starts[motion.count], shortest, plan);
+    values[feedforward->planned_time] = plan->duration;
+    unit->state[COUNT] += 1.0;
+}
+
+/* The change of the voltages at rest from the motion's end to the target. */
+static void find_change(const UnitInstance *unit, double *change)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const Motion motion = motion_of(unit);
+    const size_t voltages = feedforward->flat.voltages;
+    multiply_panels(voltages, feedforward->points, feedforward->static_inverse, unit->values + feedforward->y_target,
+                    false, change);
+    for (size_t j = 0; j < voltages; j++) {
+        double sum = 0.0;
+        for (size_t k = 0; k < motion.count; k++)
+            sum += motion.changes[k * voltages + j];
+        change[j] -= motion.offset[j] + sum;
+    }
+}
+
+/* Begins the transition to a target that a tick sees: at once from rest where the first duration fits, else after
+   planning_ticks, which suffice to find one. */
+static void plan_target(UnitInstance *unit, double tick)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const double *const target = unit->values + feedforward->y_target;
+    const double time = tick * feedforward->sample_time;
     const size_t point = unreachable_point(feedforward, target);
+    memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     if (point < feedforward->points) {
-        memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
-        values[feedforward->target_refused] = true;
+        unit->values[feedforward->target_refused] = true;
         unit_warn(unit,
                   "y_target at %.6g s is refused: no voltages reach it, the nearest reachable target has y_target[%zu] "
                   "= %.6g m in place of %.6g m; the target before is held",
@@ -193,31 +299,56 @@ static void start_transition(UnitInstance *unit, double time)
         return;
     }
     const Motion motion = motion_of(unit);
-    const size_t voltages = feedforward->flat.voltages;
-    double *const change = unit->workspace;
-    multiply_panels(voltages, feedforward->points, feedforward->static_inverse, target, false, change);
-    for (size_t j = 0; j < voltages; j++) {
-        double sum = 0.0;
-        for (size_t k = 0; k < motion.count; k++)
-            sum += motion.changes[k * voltages + j];
-        change[j] -= motion.offset[j] + sum;
-    }
-    const double shortest = values[feedforward->transition_time];
-    const TransitionPlan plan =
-        plan_transition(feedforward, &motion, time, change, shortest, limits_of(unit), unit->workspace + 3 * voltages);
-    memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
-    const bool refused = !(plan.duration > 0.0);
-    values[feedforward->target_refused] = refused;
-    values[feedforward->planned_peak] = plan.peak;
-    if (refused) {
-        warn_of_refusal(unit, time, &plan);
+    const PlanSearch search = search_of(unit);
+    double *const change = scratch_of(unit);
+    find_change(unit, change);
+    const VoltageRange limits = limits_of(unit);
+    const double shortest = unit->values[feedforward->transition_time];
+    TransitionPlan plan;
+    if (!begin_search(feedforward, &motion, search, time, change, shortest, limits, &plan)) {
+        follow_plan(unit, &plan, tick);
         return;
     }
-    if (plan.duration > shortest)
-        note_stretching(unit, time, shortest, &plan);
-    values[feedforward->planned_time] = plan.duration;
-    motion.durations[motion.count] = plan.duration;
-    unit->state[0] += 1.0;
+    if (motion.count == 0 && first_fits(feedforward, &motion, search)) {
+        plan = conclude_search(feedforward, &motion, search);
+        follow_plan(unit, &plan, tick);
+        return;
+    }
+    unit->state[DUE] = tick + feedforward->planning_ticks;
+    begin_search(feedforward, &motion, search, unit->state[DUE] * feedforward->sample_time, change, shortest, limits,
+                 &plan);
+    if (motion.count > 0)
+        continue_search(feedforward, &motion, search);
+}
+
+static bool is_new_target(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const double *const target = unit->values + feedforward->y_target;
+    const double *const handled = handled_target(unit);
+    bool changed = false;
+    for (size_t k = 0; k < feedforward->points; k++)
+        changed = changed || fabs(target[k] - handled[k]) > TARGET_ROUNDING;
+    return changed;
+}
+
+static void pass_tick(UnitInstance *unit, double tick)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const Motion motion = motion_of(unit);
+    if (unit->state[DUE] != NO_SEARCH) {
+        if (tick < unit->state[DUE]) {
+            continue_search(feedforward, &motion, search_of(unit));
+            return;
+        }
+        const TransitionPlan plan = conclude_search(feedforward, &motion, search_of(unit));
+        follow_plan(unit, &plan, tick - feedforward->planning_ticks);
+    }
+    if (!is_new_target(unit))
+        return;
+    retire_transitions(unit, tick * feedforward->sample_time + unit->values[feedforward->preview]);
+    if (unit->state[COUNT] < SLOTS)
+        plan_target(unit, tick);
 }
 
 /* At rest at the first target. */
@@ -234,6 +365,7 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
                            "y_target[%zu] = %.6g m in place of %.6g m",
                            point + 1, target[point] - missed_at(feedforward, target, point), target[point]);
     memset(unit->state, 0, flatness_feedforward_state_size(feedforward) * sizeof *unit->state);
+    unit->state[DUE] = NO_SEARCH;
     memcpy(handled_target(unit), target, feedforward->points * sizeof *target);
     double *const offset = motion_of(unit).offset;
     multiply_panels(voltages, feedforward->points, feedforward->static_inverse, target, false, offset);
@@ -253,41 +385,83 @@ static bool flatness_feedforward_initialise(UnitInstance *unit)
 static void flatness_feedforward_differentiate(UnitInstance *unit)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
-    const Motion motion = {.offset = unit->workspace + flat_output_scratch(&feedforward->flat)};
+    const Motion motion = {.offset = scratch_of(unit) + evaluation_scratch(feedforward)};
     multiply_panels(feedforward->flat.voltages, feedforward->points, feedforward->static_inverse,
                     unit->changes + feedforward->y_target, false, motion.offset);
     evaluate_references(unit, &motion, 0.0, unit->changes);
 }
 
-/* A changed target starts a transition at `time`; outputs are those of time + step + preview. At rest they stay. */
+/* Every tick inside [time, time + step): targets are seen and transitions start there. Outputs are those of time + step
+   + preview. At rest they stay. */
 static bool flatness_feedforward_advance(UnitInstance *unit, double time, double step)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
-    const double *const target = unit->values + feedforward->y_target;
-    const double *const handled = handled_target(unit);
-    bool changed = false;
-    for (size_t k = 0; k < feedforward->points; k++)
-        changed = changed || fabs(target[k] - handled[k]) > TARGET_ROUNDING;
-    if (changed && unit->state[0] < SLOTS)
-        start_transition(unit, time);
-    const bool rests = unit->state[0] == 0.0 && unit->values[feedforward->moving] == 0.0;
+    double *const tick = unit->state + TICK;
+    const double end = time + step;
+    const double last = (end - clock_tolerance(unit, end, feedforward->sample_time)) / feedforward->sample_time;
+    while (*tick < last) {
+        if (unit->state[DUE] == NO_SEARCH && !is_new_target(unit)) {
+            *tick = ceil(last);
+            break;
+        }
+        pass_tick(unit, *tick);
+        *tick += 1.0;
+    }
+    const bool rests = unit->state[COUNT] == 0.0 && unit->values[feedforward->moving] == 0.0;
     if (!rests)
-        write_references(unit, time + step + unit->values[feedforward->preview]);
+        write_references(unit, end + unit->values[feedforward->preview]);
     return true;
 }
 
-/* The number of transitions is used as an index; the planner tries durations up to a multiple of the longest. */
+static bool is_valid_motion(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const Motion motion = motion_of(unit);
+    for (size_t k = 0; k < motion.count; k++) {
+        const double duration = motion.durations[k];
+        if (!(isfinite(motion.starts[k]) && duration > 0.0 && duration < 1e12))
+            return false;
+        if (has_splines(feedforward) &&
+            feedforward->splines.times[spline_row(&feedforward->splines, duration)] != duration)
+            return false;
+    }
+    return true;
+}
+
+/* Whether the clocks of ticks and of a search can be those of a saved state: others would keep the next step busy. */
+static bool is_valid_clock(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const double count = unit->state[COUNT];
+    const double tick = unit->state[TICK];
+    const double due = unit->state[DUE];
+    const double behind = unit->elapsed / feedforward->sample_time - tick;
+    return count >= 0.0 && count <= SLOTS && floor(count) == count && floor(tick) == tick &&
+           fabs(behind) <= 2.0 + 4 * DBL_EPSILON * tick &&
+           (due == NO_SEARCH || (due >= tick && due <= tick + feedforward->planning_ticks && floor(due) == due));
+}
+
+/* Numbers of a state are used as indices; the splines follow from them. */
 static bool flatness_feedforward_restore(UnitInstance *unit)
 {
-    const double count = unit->state[0];
-    bool is_valid = count >= 0.0 && count <= SLOTS && floor(count) == count;
-    if (is_valid) {
-        const Motion motion = motion_of(unit);
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    if (!is_valid_clock(unit) || !is_valid_motion(unit))
+        return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
+    const Motion motion = motion_of(unit);
+    const bool searches = unit->state[DUE] != NO_SEARCH;
+    if (searches && !search_is_valid(feedforward, &motion, search_of(unit)))
+        return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
+    if (has_splines(feedforward)) {
         for (size_t k = 0; k < motion.count; k++)
-            is_valid =
-                is_valid && isfinite(motion.starts[k]) && motion.durations[k] > 0.0 && motion.durations[k] < 1e12;
+            begin_spline(&feedforward->splines, spline_row(&feedforward->splines, motion.durations[k]),
+                         motion.changes + k * feedforward->flat.voltages,
+                         motion.splines + k * spline_size(&feedforward->splines));
+        double *const u = scratch_of(unit) + evaluation_scratch(feedforward);
+        evaluate(unit, &motion, unit->elapsed + unit->values[feedforward->preview], u, u + feedforward->flat.voltages);
     }
-    return is_valid || unit_refuse(unit, "FMU state must have contents that this unit can have saved");
+    if (searches)
+        restore_search(feedforward, &motion, search_of(unit));
+    return true;
 }
 
 INTERNAL_DATA const UnitHooks flatness_feedforward_hooks = {

@@ -1,60 +1,151 @@
 #include "planner.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "ranges.h"
+#include "voltage_curves.h"
 
 #define LONGEST_FACTOR 8.0  /* longest transition tried, as a multiple of the longest one tabulated or under way */
+#define MOST_CANDIDATES 128 /* durations tried from the requested one to the longest */
 #define LIMIT_ROUNDING 1e-9 /* of the largest limit: a voltage this far beyond its own is within */
 
-/* D_u(d/dt) Theta over a transition of one duration: between two of the tabulated curves. One curve serves every input
-   and target, since D_u is scalar. */
-typedef struct {
-    const double *shorter;
-    const double *longer;
-    double share; /* of the longer */
-    size_t index; /* interval of the grid that was read last */
-} VoltageCurve;
+/* The numbers of a search. Candidates are durations in ascending order; LOW is the longest that is known not to fit,
+   -1 at first, HIGH the shortest that is known to fit, their count at first. */
+enum {
+    CANDIDATES, /* how many */
+    SHORTEST,   /* the first, s; of tabulated ones its row */
+    GROWTH,     /* ratio of neighbours */
+    LOW,
+    HIGH,
+    CURVE,   /* transition at whose times the motion is looked at */
+    SAMPLE,  /* the next of these times */
+    SAMPLED, /* times looked at of this transition */
+    PEAK,    /* of HIGH, or where that is none, of LOW, V */
+    EXCESS,  /* the violation of LOW, or of the target where that is none */
+    PAIR,
+    VOLTAGE,
+    IS_BELOW,
+    SEARCH_NUMBERS
+};
 
-static VoltageCurve curve_of(const FlatnessFeedforwardData *data, double duration)
+size_t search_size(const FlatnessFeedforwardData *data)
 {
-    const double *const durations = data->curve_durations;
-    const size_t last = data->durations - 1;
-    size_t low = 0;
-    while (low < last - 1 && durations[low + 1] <= duration)
-        low++;
-    const double share = (duration - durations[low]) / (durations[low + 1] - durations[low]);
-    const double *const row = data->curves + low * (data->intervals + 1);
-    return (VoltageCurve){
-        .shorter = row, .longer = row + data->intervals + 1, .share = clamp(share, 0.0, 1.0), .index = 0};
+    return SEARCH_NUMBERS + 7 * data->flat.voltages;
 }
 
-/* The curve at tau within [0, 1], linear on each interval. Quick where tau grows from one call to the next. */
-static double curve_at(const FlatnessFeedforwardData *data, VoltageCurve *curve, double tau)
+PlanSearch search_in(const FlatnessFeedforwardData *data, double *memory)
 {
-    const double *const grid = data->curve_grid;
-    size_t index = curve->index;
-    while (index + 1 < data->intervals && grid[index + 1] <= tau)
-        index++;
-    curve->index = index;
-    const double left = (1 - curve->share) * curve->shorter[index] + curve->share * curve->longer[index];
-    const double right = (1 - curve->share) * curve->shorter[index + 1] + curve->share * curve->longer[index + 1];
-    const double width = grid[index + 1] - grid[index];
-    return left + (right - left) * ((tau - grid[index]) / width);
+    const size_t voltages = data->flat.voltages;
+    double *const arrays = memory + SEARCH_NUMBERS;
+    return (PlanSearch){.numbers = memory,
+                        .tolerated = {.lowest = arrays, .highest = arrays + voltages},
+                        .range = {.lowest = arrays + 2 * voltages, .highest = arrays + 3 * voltages},
+                        .samples = arrays + 4 * voltages};
 }
 
-/* Planned voltages u (voltages,) at a time. */
-static void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, double time,
-                        double *u)
+static Motion extended(const Motion *motion)
 {
-    memcpy(u, motion->offset, data->flat.voltages * sizeof *u);
-    for (size_t k = 0; k < motion->count; k++) {
-        const double tau = (time - motion->starts[k]) / motion->durations[k];
-        const double height = curve_at(data, &curves[k], clamp(tau, 0.0, 1.0));
-        for (size_t j = 0; j < data->flat.voltages; j++)
-            u[j] += height * motion->changes[k * data->flat.voltages + j];
+    Motion longer = *motion;
+    longer.count++;
+    return longer;
+}
+
+static double candidate(const FlatnessFeedforwardData *data, const double *numbers, double index)
+{
+    if (data->splines.durations > 0)
+        return data->splines.times[(size_t)(numbers[SHORTEST] + index)];
+    return numbers[SHORTEST] * pow(numbers[GROWTH], index);
+}
+
+/* The durations to choose from. */
+static void set_candidates(const FlatnessFeedforwardData *data, const Motion *motion, double shortest, double *numbers)
+{
+    if (data->splines.durations > 0) {
+        numbers[SHORTEST] = (double)spline_row(&data->splines, shortest);
+        numbers[GROWTH] = 1.0;
+        numbers[CANDIDATES] = (double)data->splines.durations - numbers[SHORTEST];
+        return;
     }
+    const double *const durations = data->curve_durations;
+    const double first = fmax(shortest, durations[0]);
+    double longest = fmax(durations[data->durations - 1], shortest);
+    for (size_t k = 0; k < motion->count; k++)
+        longest = fmax(longest, motion->durations[k]);
+    const double range = longest * LONGEST_FACTOR / first;
+    numbers[SHORTEST] = first;
+    numbers[GROWTH] = durations[1] / durations[0];
+    numbers[CANDIDATES] = floor(log(range) / log(numbers[GROWTH])) + 1;
+    if (numbers[CANDIDATES] > MOST_CANDIDATES) {
+        numbers[CANDIDATES] = MOST_CANDIDATES;
+        numbers[GROWTH] = pow(range, 1.0 / (MOST_CANDIDATES - 1));
+    }
+}
+
+static bool is_done(const double *numbers)
+{
+    return numbers[HIGH] - numbers[LOW] == 1.0;
+}
+
+/* The one to try: the first, then the last, then between the two that are known. */
+static double next_candidate(const double *numbers)
+{
+    if (numbers[LOW] < 0.0)
+        return 0.0;
+    return numbers[HIGH] == numbers[CANDIDATES] ? numbers[CANDIDATES] - 1 : floor((numbers[LOW] + numbers[HIGH]) / 2);
+}
+
+/* Puts a duration into the slot of the new transition. */
+static void use_candidate(const FlatnessFeedforwardData *data, const Motion *motion, const double *numbers,
+                          double index)
+{
+    const size_t slot = motion->count;
+    motion->durations[slot] = candidate(data, numbers, index);
+    if (data->splines.durations > 0)
+        begin_spline(&data->splines, (size_t)(numbers[SHORTEST] + index), motion->changes + slot * data->flat.voltages,
+                     motion->splines + slot * spline_size(&data->splines));
+}
+
+/* Begins to look at the next duration. */
+static void begin_candidate(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    use_candidate(data, motion, search.numbers, next_candidate(search.numbers));
+    search.numbers[CURVE] = search.numbers[SAMPLE] = search.numbers[SAMPLED] = 0.0;
+    for (size_t j = 0; j < data->flat.voltages; j++) {
+        search.range.lowest[j] = HUGE_VAL;
+        search.range.highest[j] = -HUGE_VAL;
+    }
+}
+
+static void note_violation(double *numbers, Violation violation)
+{
+    numbers[EXCESS] = violation.excess;
+    numbers[PAIR] = (double)violation.pair;
+    numbers[VOLTAGE] = violation.voltage;
+    numbers[IS_BELOW] = violation.is_below;
+}
+
+/* Takes what was seen of a duration into account, and begins the next. */
+static void end_candidate(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    const size_t voltages = data->flat.voltages;
+    double *const numbers = search.numbers;
+    const double index = next_candidate(numbers);
+    const Violation violation = furthest_beyond(voltages, search.range, search.tolerated);
+    const double allowed = (LIMIT_ROUNDING + data->planned_excess) * largest_magnitude(voltages, search.tolerated);
+    const double peak = largest_magnitude(voltages, search.range);
+    if (violation.excess <= allowed) {
+        numbers[HIGH] = index;
+        numbers[PEAK] = peak;
+    } else {
+        numbers[LOW] = index;
+        note_violation(numbers, violation);
+        if (numbers[HIGH] == numbers[CANDIDATES])
+            numbers[PEAK] = peak;
+    }
+    if (!is_done(numbers))
+        begin_candidate(data, motion, search);
 }
 
 /* Peak of the parabola through three neighbours where they turn, else the middle one. */
@@ -71,114 +162,148 @@ static void include(VoltageRange range, size_t pair, double voltage)
     range.highest[pair] = larger(voltage, range.highest[pair]);
 }
 
-/* Planned voltages of each pair after `now`, also those between the times at which each transition is sampled.
-   `u` (3, voltages). */
-static void find_extremes(const FlatnessFeedforwardData *data, const Motion *motion, double now, VoltageRange range,
-                          double *u)
+/* Planned voltages at a time, and those between this one and the two before. */
+static void look_at(const FlatnessFeedforwardData *data, const Motion *longer, VoltageCurve *curves, double time,
+                    PlanSearch search)
 {
     const size_t voltages = data->flat.voltages;
-    const size_t last = motion->count - 1;
+    const double *const before = search.samples;
+    const double *const here = before + voltages;
+    double *const after = search.samples + 2 * voltages;
+    memmove(search.samples, here, 2 * voltages * sizeof *after);
+    voltages_at(data, longer, curves, time, after);
+    search.numbers[SAMPLED] += 1.0;
+    for (size_t j = 0; j < voltages; j++)
+        include(search.range, j, after[j]);
+    if (search.numbers[SAMPLED] >= 3.0)
+        for (size_t j = 0; j < voltages; j++)
+            include(search.range, j, parabola_peak(before[j], here[j], after[j]));
+}
+
+/* Looks at a duration until it is known or `work` is done, in units of one transition at one time; returns what is
+   left. */
+static double look_at_candidate(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search,
+                                double work)
+{
+    const Motion longer = extended(motion);
+    const size_t last = motion->count;
+    const double now = motion->starts[last];
     VoltageCurve curves[SLOTS];
-    for (size_t k = 0; k <= last; k++)
-        curves[k] = curve_of(data, motion->durations[k]);
-    for (size_t j = 0; j < voltages; j++) {
-        range.lowest[j] = HUGE_VAL;
-        range.highest[j] = -HUGE_VAL;
-    }
-    for (size_t k = 0; k <= last; k++) {
-        for (size_t i = 0; i <= last; i++)
-            curves[i].index = 0;
-        double *before = u;
-        double *here = u + voltages;
-        double *after = here + voltages;
-        size_t sampled = 0;
-        for (size_t i = 0; i <= data->intervals; i++) {
-            const double time = motion->starts[k] + motion->durations[k] * data->curve_grid[i];
+    size_t k = (size_t)search.numbers[CURVE];
+    size_t i = (size_t)search.numbers[SAMPLE];
+    for (; k <= last && work > 0.0; k++, i = 0) {
+        const double start = motion->starts[k];
+        const double duration = motion->durations[k];
+        curves_of(data, &longer, start + duration * data->curve_grid[i], curves);
+        if (i == 0)
+            search.numbers[SAMPLED] = 0.0;
+        for (; i <= data->intervals && work > 0.0; i++) {
+            const double time = start + duration * data->curve_grid[i];
+            work -= 1.0;
             if (k != last && !(time > now))
                 continue;
-            double *const oldest = before;
-            before = here;
-            here = after;
-            after = oldest;
-            voltages_at(data, motion, curves, time, after);
-            sampled++;
-            for (size_t j = 0; j < voltages; j++) {
-                include(range, j, after[j]);
-                if (sampled >= 3)
-                    include(range, j, parabola_peak(before[j], here[j], after[j]));
-            }
+            look_at(data, &longer, curves, time, search);
+            work -= (double)longer.count;
         }
-    }
-}
-
-/* The limits, and where the planned voltages are beyond one at `now`, since it was narrowed, these. `u` (voltages,). */
-static void tolerate_present(const FlatnessFeedforwardData *data, const Motion *motion, double now, VoltageRange limits,
-                             VoltageRange tolerated, double *u)
-{
-    VoltageCurve curves[SLOTS];
-    for (size_t k = 0; k < motion->count; k++)
-        curves[k] = curve_of(data, motion->durations[k]);
-    voltages_at(data, motion, curves, now, u);
-    for (size_t j = 0; j < data->flat.voltages; j++) {
-        tolerated.lowest[j] = smaller(u[j], limits.lowest[j]);
-        tolerated.highest[j] = larger(u[j], limits.highest[j]);
-    }
-}
-
-/* Voltages once the motion and a change have ended. */
-static void find_goal(const FlatnessFeedforwardData *data, const Motion *motion, const double *change, double *goal)
-{
-    for (size_t j = 0; j < data->flat.voltages; j++) {
-        goal[j] = motion->offset[j] + change[j];
-        for (size_t k = 0; k < motion->count; k++)
-            goal[j] += motion->changes[k * data->flat.voltages + j];
-    }
-}
-
-/* The duration that keeps within `tolerated`, for the motion with its new transition in the slot behind the last. */
-static void find_duration(const FlatnessFeedforwardData *data, Motion *extended, double now, double shortest,
-                          VoltageRange tolerated, TransitionPlan *plan, double *scratch)
-{
-    const double *const durations = data->curve_durations;
-    const size_t voltages = data->flat.voltages;
-    const size_t slot = extended->count - 1;
-    const double rounding = LIMIT_ROUNDING * largest_magnitude(voltages, tolerated);
-    const VoltageRange range = {.lowest = scratch, .highest = scratch + voltages};
-    double longest = fmax(durations[data->durations - 1], shortest);
-    for (size_t k = 0; k < slot; k++)
-        longest = fmax(longest, extended->durations[k]);
-    const double growth = durations[1] / durations[0];
-    for (double duration = fmax(shortest, durations[0]); duration <= longest * LONGEST_FACTOR; duration *= growth) {
-        extended->durations[slot] = duration;
-        find_extremes(data, extended, now, range, scratch + 2 * voltages);
-        plan->peak = largest_magnitude(voltages, range);
-        const Violation violation = furthest_beyond(voltages, range, tolerated);
-        if (violation.excess <= rounding) {
-            plan->duration = duration;
+        if (i <= data->intervals)
             break;
-        }
-        plan->violation = violation;
     }
+    search.numbers[CURVE] = (double)k;
+    search.numbers[SAMPLE] = (double)i;
+    if (k > last)
+        end_candidate(data, motion, search);
+    return work;
 }
 
-TransitionPlan plan_transition(const FlatnessFeedforwardData *data, const Motion *motion, double now,
-                               const double *change, double shortest, VoltageRange limits, double *scratch)
+bool begin_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search, double now,
+                  const double *change, double shortest, VoltageRange limits, TransitionPlan *plan)
 {
     const size_t voltages = data->flat.voltages;
-    const VoltageRange goal = {.lowest = scratch, .highest = scratch};
-    find_goal(data, motion, change, goal.lowest);
-    TransitionPlan plan = {.peak = largest_magnitude(voltages, goal),
-                           .violation = furthest_beyond(voltages, goal, limits)};
-    plan.at_rest = !(plan.violation.excess <= LIMIT_ROUNDING * largest_magnitude(voltages, limits));
-    if (plan.at_rest)
-        return plan;
-    const VoltageRange tolerated = {.lowest = scratch, .highest = scratch + voltages};
-    tolerate_present(data, motion, now, limits, tolerated, scratch + 2 * voltages);
     const size_t slot = motion->count;
-    Motion extended = *motion;
-    extended.count++;
-    extended.starts[slot] = now;
-    memcpy(extended.changes + slot * voltages, change, voltages * sizeof *change);
-    find_duration(data, &extended, now, shortest, tolerated, &plan, scratch + 2 * voltages);
+    motion->starts[slot] = now;
+    memcpy(motion->changes + slot * voltages, change, voltages * sizeof *change);
+    const VoltageRange goal = {.lowest = search.samples, .highest = search.samples};
+    for (size_t j = 0; j < voltages; j++) {
+        goal.lowest[j] = motion->offset[j] + change[j];
+        for (size_t k = 0; k < slot; k++)
+            goal.lowest[j] += motion->changes[k * voltages + j];
+    }
+    *plan = (TransitionPlan){.peak = largest_magnitude(voltages, goal),
+                             .violation = furthest_beyond(voltages, goal, limits)};
+    plan->at_rest = !(plan->violation.excess <= LIMIT_ROUNDING * largest_magnitude(voltages, limits));
+    if (plan->at_rest)
+        return false;
+    note_violation(search.numbers, plan->violation);
+    VoltageCurve curves[SLOTS];
+    curves_of(data, motion, now, curves);
+    voltages_at(data, motion, curves, now, search.samples);
+    for (size_t j = 0; j < voltages; j++) {
+        search.tolerated.lowest[j] = smaller(search.samples[j], limits.lowest[j]);
+        search.tolerated.highest[j] = larger(search.samples[j], limits.highest[j]);
+    }
+    set_candidates(data, motion, shortest, search.numbers);
+    search.numbers[LOW] = -1.0;
+    search.numbers[HIGH] = search.numbers[CANDIDATES];
+    search.numbers[PEAK] = plan->peak;
+    begin_candidate(data, motion, search);
+    return true;
+}
+
+bool first_fits(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    look_at_candidate(data, motion, search, HUGE_VAL);
+    return search.numbers[HIGH] == 0.0;
+}
+
+void continue_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    double work = data->planning_portion;
+    while (work > 0.0 && !is_done(search.numbers))
+        work = look_at_candidate(data, motion, search, work);
+}
+
+TransitionPlan conclude_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    const double *const numbers = search.numbers;
+    while (!is_done(numbers))
+        look_at_candidate(data, motion, search, HUGE_VAL);
+    TransitionPlan plan = {.peak = numbers[PEAK],
+                           .violation = {.excess = numbers[EXCESS],
+                                         .pair = (size_t)numbers[PAIR],
+                                         .voltage = numbers[VOLTAGE],
+                                         .is_below = numbers[IS_BELOW] != 0.0}};
+    if (numbers[HIGH] < numbers[CANDIDATES]) {
+        use_candidate(data, motion, numbers, numbers[HIGH]);
+        plan.duration = motion->durations[motion->count];
+    }
     return plan;
+}
+
+static bool is_index(double value, double lowest, double highest)
+{
+    return value >= lowest && value <= highest && floor(value) == value;
+}
+
+bool search_is_valid(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    const double *const numbers = search.numbers;
+    const double count = numbers[CANDIDATES];
+    const bool is_tabulated = data->splines.durations > 0;
+    const double most = is_tabulated ? (double)data->splines.durations - numbers[SHORTEST] : MOST_CANDIDATES;
+    const bool has_candidates = is_tabulated ? is_index(numbers[SHORTEST], 0.0, (double)data->splines.durations - 1)
+                                             : numbers[SHORTEST] > 0.0 && numbers[SHORTEST] < 1e12 &&
+                                                   numbers[GROWTH] > 1.0 && numbers[GROWTH] < 1e12;
+    return has_candidates && is_index(count, 1.0, most) && is_index(numbers[LOW], -1.0, count - 1) &&
+           is_index(numbers[HIGH], numbers[LOW] + 1, count) &&
+           is_index(numbers[CURVE], 0.0, (double)motion->count + 1) &&
+           is_index(numbers[SAMPLE], 0.0, (double)data->intervals) &&
+           is_index(numbers[SAMPLED], 0.0, (double)data->intervals + 1) &&
+           is_index(numbers[PAIR], 0.0, (double)data->flat.voltages - 1) && motion->count < SLOTS &&
+           isfinite(motion->starts[motion->count]);
+}
+
+void restore_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
+{
+    if (!is_done(search.numbers))
+        use_candidate(data, motion, search.numbers, next_candidate(search.numbers));
 }

@@ -1,12 +1,12 @@
-/* Superposed transitions within the voltage limits: how long a new one must take (Remarks 4 and 5). */
+/* Superposed transitions within the voltage limits: how long a new one must take (Remarks 4 and 5).
+
+   A search of its duration is part of a unit's state and goes on in portions, so that no step takes long. */
 
 #ifndef PLANNER_H
 #define PLANNER_H
 
 #include "flatness_feedforward.h"
 #include "voltage_limits.h"
-
-#define PLANNER_SCRATCH 7 /* doubles for each voltage */
 
 /* How a target is reached: duration 0 means that it is refused. */
 typedef struct {
@@ -16,11 +16,32 @@ typedef struct {
     Violation violation; /* why it is refused, or why it takes longer than asked */
 } TransitionPlan;
 
-/* The shortest transition from `now` of at least `shortest` s that keeps the whole motion within the limits, or where
-   a voltage is beyond one already, since that was narrowed, no further than it is. `change` (voltages,) is that of
-   the flat output; start, duration and change stand in the motion's next slot afterwards. `scratch`
-   (PLANNER_SCRATCH, voltages). */
-INTERNAL TransitionPlan plan_transition(const FlatnessFeedforwardData *data, const Motion *motion, double now,
-                                        const double *change, double shortest, VoltageRange limits, double *scratch);
+/* A search. Its transition is in the motion's slot behind the last. */
+typedef struct {
+    double *numbers;        /* see planner.c */
+    VoltageRange tolerated; /* the limits, and where voltages are beyond one at the start, these */
+    VoltageRange range;     /* of the duration that is tried, as far as it was looked at */
+    double *samples;        /* (3, voltages): the latest voltages in a row */
+} PlanSearch;
+
+/* Doubles of a search, and the search in `memory`, which is zero at first. */
+INTERNAL size_t search_size(const FlatnessFeedforwardData *data);
+INTERNAL PlanSearch search_in(const FlatnessFeedforwardData *data, double *memory);
+
+/* Begins the search of a transition from `now` by `change` (voltages,), of at least `shortest` s, that keeps the whole
+   motion within the limits, or where a voltage is beyond one at `now`, since that was narrowed, no further than it is.
+   False, with the plan, where the voltages at the target are beyond them. */
+INTERNAL bool begin_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search, double now,
+                           const double *change, double shortest, VoltageRange limits, TransitionPlan *plan);
+/* Tries the first duration; whether it fits. */
+INTERNAL bool first_fits(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search);
+/* Goes on by a portion. */
+INTERNAL void continue_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search);
+/* The plan, after what is left of the search; the transition is then in its slot. */
+INTERNAL TransitionPlan conclude_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search);
+/* Whether the numbers of a search can be those of one for a motion. */
+INTERNAL bool search_is_valid(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search);
+/* Rebuilds what the search needs beside its numbers. */
+INTERNAL void restore_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search);
 
 #endif
