@@ -93,7 +93,7 @@ def test_kernels_agree() -> None:
     found = []
     for backend in ("native", "python"):
         with loaded(unit(backend)) as feedforward:
-            feedforward.begin(transition_time=0.3, preview=SAMPLE)
+            feedforward.begin(transition_time=0.3, preview=SAMPLE, voltage_limit=950.0)
             found.append(motion(feedforward, 1200, 1e-3, goals(12), every=70))
             assert any("stretched" in note for note in feedforward.notes)
     native, python = found
