@@ -29,7 +29,7 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
         deflections are divided by twice those that the voltage limit gives at rest at most, and clipped; voltages are
         divided by the limit.
     Action
-        (n_u,) float32 in [-1, 1]: voltages divided by the limit, clipped.
+        (n_u,) float32 in [-1, 1]: voltages divided by the limit, clipped to those of each pair.
     Reward
         -mean((y_pi - y_ref)^2) / mm^2 - effort * mean((u - u_ff)^2) / limit^2 at the end of the step: the squared error
         of the deflections, and the squared voltage that the agent adds to the feedforward.
@@ -118,6 +118,7 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
         self._buffer = np.empty(sum(map(len, views)))
         ends = np.cumsum([len(view) for view in views])
         self._parts = np.split(self._buffer, ends[:-1])
+        self._voltages = design.options.voltage_limits(len(self._u))
         self._error, self._added = np.empty(len(self._y_pi)), np.empty(len(self._u))
         self._weights = _PER_METRE**2 / len(self._error), effort / (self._limit**2 * len(self._added))
         self._largest = deflection_limit**2
@@ -129,7 +130,7 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
         """See gymnasium.Env.reset."""
         super().reset(seed=seed)
         random = self.np_random
-        voltages = _LARGEST_TARGET * self._limit * random.uniform(-1, 1, len(self._u))
+        voltages = _LARGEST_TARGET * random.uniform(self._voltages.lowest, self._voltages.highest)
         target = np.asarray((options or {}).get("target", self._static @ voltages), dtype=float)
         factors = random.uniform(1 - self._spread, 1 + self._spread, len(self._nominal))
         noise_seed = int(random.integers(2**31 - 1))
@@ -144,9 +145,9 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
     def step(self, action: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         """See gymnasium.Env.step."""
         u = self._u
-        np.minimum(action, 1.0, out=u, casting="same_kind")
-        np.maximum(u, -1.0, out=u)
-        u *= self._limit
+        np.multiply(action, self._limit, out=u, dtype=np.float64)
+        np.minimum(u, self._voltages.highest, out=u)
+        np.maximum(u, self._voltages.lowest, out=u)
         sim = self._sim
         sim.step(self._hold)
         y_pi, error, added = self._y_pi, self._error, self._added
