@@ -184,7 +184,7 @@ def _wrong_unit(name: str, factor: float) -> InputError:
     return InputError(
         f"column {name!r}",
         f"is {abs(factor):.3g} times as large as the structure explains: wrong unit? (SI is expected: m, strain, V); "
-        f"try --map '{name}={name}*{1 / _power(factor):g}'",
+        f"try --map '{name}={name}*{10.0 ** -round(np.log10(abs(factor))):g}'",
     )
 
 

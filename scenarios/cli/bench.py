@@ -24,10 +24,13 @@ from flexbeams.scenarios.cli.options import cache_option, compiler_option
     help="Instead: the exported scenario under third-party co-simulation "
     "tools (extra `masters`) beside the runner, and how far they agree.",
 )
+@click.option(
+    "--identify", is_flag=True, help="Instead: processor time of identifications, two to four minutes in all."
+)
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
 @compiler_option
 @cache_option
-def bench(steps: int, masters: bool, as_json: bool, compiler: str, build_folder: Path | None) -> int:
+def bench(steps: int, masters: bool, identify: bool, as_json: bool, compiler: str, build_folder: Path | None) -> int:
     """Measure what a step costs: bare C loop, FMI functions, runner and numpy, interleaved in one process.
 
     Measures only: the exit status is 0 whether targets are met or not.
@@ -40,13 +43,16 @@ def bench(steps: int, masters: bool, as_json: bool, compiler: str, build_folder:
         def progress(done: int, parts: int) -> None:
             display.progress("bench", done, parts)
 
-        if masters:
+        if identify:
+            from flexbeams.scenarios.bench.identification import measure_identification
+            from flexbeams.scenarios.cli.bench_tables import show_identification as show
+
+            figures: dict[str, Any] = measure_identification(progress=progress)
+        elif masters:
             from flexbeams.scenarios.bench.masters import measure_masters
             from flexbeams.scenarios.cli.bench_tables import show_masters as show
 
-            figures: dict[str, Any] = measure_masters(
-                steps, compiler, cache_folder(build_folder), display.note, progress
-            )
+            figures = measure_masters(steps, compiler, cache_folder(build_folder), display.note, progress)
         else:
             from flexbeams.scenarios.bench.measure import measure
             from flexbeams.scenarios.bench.workbench import Workbench

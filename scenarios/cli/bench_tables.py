@@ -171,3 +171,12 @@ def _targets(targets: list[dict[str, Any]]) -> Table:
             "[green]met[/]" if t["met"] else "[red bold]missed[/]",
         )
     return table
+
+
+def show_identification(figures: dict[str, Any]) -> None:
+    """Processor time of identifications."""
+    table = Table("structure", "parameters", "rows", "CPU time, s", "evaluations", "within 2 %", title="Identification")
+    for f in figures["fits"]:
+        cells = (f["parameters"], f["rows"], f"{f['cpu_s']:.1f}", f["evaluations"], f["found"])
+        table.add_row(f["structure"], *map(str, cells))
+    console().print(table)

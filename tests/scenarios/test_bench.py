@@ -10,9 +10,11 @@ import pytest
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.bench.growth import repeat_beams
+from flexbeams.scenarios.bench.identification import Case, measure_identification
 from flexbeams.scenarios.bench.plant_forms import dense_plant
 from flexbeams.scenarios.bench.unit_loops import Loop
 from flexbeams.scenarios.bench.workbench import Workbench
+from flexbeams.scenarios.cli.bench_tables import show_identification
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import design_of
 
@@ -208,3 +210,17 @@ def test_table_of_the_verb(
 def test_steps_must_be_positive(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--steps", "0"]) == 2
     assert "x>=1" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_identifications_are_timed(capsys: pytest.CaptureFixture[str]) -> None:
+    case = Case(structure="single_beam", seconds=2.0)
+    fits = measure_identification([case])
+    [figures] = fits["fits"]
+    assert figures["structure"] == "single_beam"
+    assert figures["parameters"] == 10
+    assert figures["rows"] == 8000
+    assert figures["cpu_s"] > 0
+    assert figures["found"] >= 5
+    show_identification(fits)
+    assert "single_beam" in capsys.readouterr().out

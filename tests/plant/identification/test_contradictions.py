@@ -61,6 +61,36 @@ def test_a_point_that_the_voltages_hardly_move_says_nothing_of_its_sign() -> Non
         require_plausible(STRUCTURE.with_parameters(start), data, list(start))
 
 
+def swept(frequencies: tuple[float, float] = (1.0, 40.0)) -> list[Experiment]:
+    """Linear sweeps through the first modes: above a resonance, sensors answer against their static gain."""
+    experiments = steps(PATTERNS[:2], 10, rows=2000)
+    first, last = frequencies
+    for e in experiments:
+        tau = e.time - 0.2
+        e.voltages[:] *= np.sin(2 * np.pi * (first * tau + (last - first) * tau**2 / 20))[:, None]
+    return measured(kiel("segment")[1], STRUCTURE.parameters(), experiments, 0.002, 1)
+
+
+def test_sweeps_say_nothing_of_static_gains_but_of_sizes() -> None:
+    data = swept()
+    require(data)
+    for column, factor, remedy in ((0, 1e3, "0.001"), (2, 1e2, "0.01"), (7, 1e6, "1e-06"), (9, 1e-3, "1000")):
+        changed = [replace(e, outputs=np.where(np.arange(10) == column, factor, 1.0) * e.outputs) for e in data]
+        with pytest.raises(InputError, match=rf"column '(y_p[im]\[\d\])' is .* wrong unit.*\*{remedy}'"):
+            require(changed)
+    require([*data, *driven(np.eye(4))])
+    with pytest.raises(InputError, match=r"column 'u\[2\]' has the wrong sign"):
+        require([*data, *driven(np.diag([1.0, -1, 1, 1]))])
+
+
+def test_time_in_milliseconds_is_named() -> None:
+    data = [replace(e, step=1e3 * e.step) for e in driven(np.eye(4))]
+    with pytest.raises(InputError, match=r"if it is in ms, give --map 'time=time\*0\.001'"):
+        require(data)
+    with pytest.raises(InputError, match=r"needed are 10$"):
+        require([e.first(40) for e in [replace(e, step=10 * e.step) for e in driven(np.eye(4))]])
+
+
 def from_release(order: list[int], signs: list[int]) -> Identification:
     """A fit to free decays, which show no static answers, with sensors in another order and sign."""
     truth = single_beam()
