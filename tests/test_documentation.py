@@ -91,7 +91,7 @@ def scenario_examples() -> list[tuple[str, str]]:
     """The scenarios of a page; a part of one is added to the last whole one before it."""
     examples: list[tuple[str, str]] = []
     whole = ""
-    for place, text in (b for b in blocks("toml") if b[0].startswith("scenarios/")):
+    for place, text in (b for b in blocks("toml") if b[0].startswith("scenarios/") and "[[parameter]]" not in b[1]):
         is_whole = re.search("^title = ", text, re.MULTILINE) is not None
         examples.append((place, text if is_whole else whole + text))
         whole = text if is_whole else whole
@@ -105,6 +105,14 @@ def test_scenario_example_runs(place: str, text: str, workshop: Path, monkeypatc
     monkeypatch.chdir(workshop)
     assert main(["run", "sweep.toml", "--no-report"]) == 0
     shutil.rmtree(workshop / "results" / "sweep")
+
+
+def test_study_example_runs(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With few runs."""
+    text = next(text for place, text in blocks("toml") if "[[parameter]]" in text)
+    (workshop / "mine.toml").write_text(text)
+    monkeypatch.chdir(workshop)
+    assert main(["study", "mine.toml", "--runs", "4", "--jobs", "1", "--no-report"]) == 0
 
 
 def test_pages_name_only_files_that_exist() -> None:
