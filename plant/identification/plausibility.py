@@ -46,11 +46,7 @@ def _require_sampling(experiment: Experiment, frequencies: Array, beams: int) ->
             "column 'time'",
             f"is too coarse: steps of {experiment.step:.4g} s give {samples:.1f} samples a period of mode {beams} "
             f"({fastest:.3g} rad/s), needed are {SAMPLES_A_PERIOD:g}"
-            + (
-                "; if it is in ms, give --map 'time=time*0.001'"
-                if samples < 1 <= 1e3 * samples / SAMPLES_A_PERIOD
-                else ""
-            ),
+            + ("; if it is in ms, give --map 'time=time*0.001'" if in_ms else ""),
             source=experiment.name,
         )
     length = experiment.duration - experiment.onset * experiment.step

@@ -58,7 +58,7 @@ def measure_growth(bench: Workbench, rounds: int, beams: int) -> dict[str, Any]:
 
 
 def repeat_beams(structure: Structure, beams: int) -> Structure:
-    """A row of `beams` beams, equipped as those of a structure of three, with springs between neighbours, no actuators."""
+    """A row of `beams` beams, equipped as those of a structure of three, with springs between neighbours."""
     count = len(structure.beam)
 
     def copied(parts: Sequence[Any]) -> list[Any]:
