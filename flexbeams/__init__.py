@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from flexbeams.scenarios.api.simulations import simulation
     from flexbeams.scenarios.api.studies import study
     from flexbeams.scenarios.api.units import build
+    from flexbeams.scenarios.learning.registration import register_environments
 
     __version__: str
 
@@ -29,6 +30,7 @@ __all__ = [
     "export",
     "identify",
     "load",
+    "register_environments",
     "run",
     "simulation",
     "structure",
@@ -43,6 +45,7 @@ _MODULES = {
     "export": "flexbeams.scenarios.api.exports",
     "identify": "flexbeams.scenarios.api.identifications",
     "load": "flexbeams.scenarios.api.runs",
+    "register_environments": "flexbeams.scenarios.learning.registration",
     "run": "flexbeams.scenarios.api.runs",
     "simulation": "flexbeams.scenarios.api.simulations",
     "structure": "flexbeams.scenarios.api.designs",

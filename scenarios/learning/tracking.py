@@ -63,9 +63,8 @@ class TrackingEnvironment(gymnasium.Env[Vector, Vector]):
 
     Examples
     --------
-    >>> import gymnasium
-    >>> from flexbeams.scenarios.learning.registration import register
-    >>> register()  # an installed flexbeams is registered already
+    >>> import flexbeams as fb, gymnasium
+    >>> fb.register_environments()
     >>> env = gymnasium.make("flexbeams/Tracking-v0", spread=0.1, noise=1e-7)
     >>> observation, info = env.reset(seed=1)
     >>> observation, reward, terminated, truncated, info = env.step(observation[-4:])  # the feedforward's voltages

@@ -1,15 +1,13 @@
 """The environment of Gymnasium: its own checker, seeds, observations, rewards and ends of episodes."""
 
-import tomllib
+import sys
 import warnings
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 import pytest
 
 import flexbeams as fb
-from tests.helpers import ROOT
 from tests.native.workshop import needs_zig
 
 gymnasium = pytest.importorskip("gymnasium")
@@ -17,17 +15,20 @@ pytestmark = [pytest.mark.native, needs_zig, pytest.mark.slow]
 
 
 def make(**options: Any) -> Any:
-    from flexbeams.scenarios.learning.registration import TRACKING, register
-
-    register()
-    return gymnasium.make(TRACKING, structure="kiel", disable_env_checker=True, **options).unwrapped
+    fb.register_environments()
+    return gymnasium.make("flexbeams/Tracking-v0", structure="kiel", disable_env_checker=True, **options).unwrapped
 
 
-def test_entry_point_registers_it() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    module, _, function = project["entry-points"]["gymnasium.envs"]["__root__"].partition(":")
-    getattr(import_module(module), function)()
-    assert gymnasium.spec("flexbeams/Tracking-v0").name == "Tracking"
+def test_registered_once_by_a_public_name() -> None:
+    for _ in range(2):
+        fb.register_environments()
+        assert gymnasium.spec("flexbeams/Tracking-v0").name == "Tracking"
+
+
+def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    with pytest.raises(fb.FlexbeamsError, match=r"register_environments needs the package gymnasium \(pip install"):
+        fb.register_environments()
 
 
 @pytest.mark.parametrize("options", [{}, {"spread": 0.0, "noise": 0.0}, {"hold": 10}])

@@ -30,6 +30,8 @@ def examples() -> Iterator[doctest.DocTest]:
 
 @pytest.mark.parametrize("example", [test for test in examples() if test.examples], ids=lambda test: test.name)
 def test_example(example: doctest.DocTest, at_run_folder: Path) -> None:
+    if "gymnasium" in example.examples[0].source:
+        pytest.importorskip("gymnasium")
     lines: list[str] = []
     doctest.DocTestRunner().run(example, out=lines.append)
     assert not lines, "".join(lines)
@@ -40,9 +42,10 @@ def test_functions_describe_what_they_take_and_raise(name: str) -> None:
     function = getattr(fb, name)
     text = inspect.getdoc(function) or ""
     assert ">>> import flexbeams as fb" in text
-    for section in ("Parameters", "Raises", "Examples"):
+    parameters = inspect.signature(function).parameters
+    for section in (*(["Parameters"] if parameters else []), "Raises", "Examples"):
         assert f"\n{section}\n---" in text, section
-    for parameter in inspect.signature(function).parameters:
+    for parameter in parameters:
         assert parameter in text.partition("Parameters")[2].partition("Raises")[0], parameter
 
 
