@@ -50,9 +50,10 @@ def excitation(unit: str, structure: str = "kiel") -> Excitation:
         if unit == "FlatnessFeedforward":
             if k in targets:
                 instance.put("y_target", targets[k])
-        elif k % 25 == 0 and unit == "BeamPlant":
-            instance.put("u", voltages[k // 25])
-            instance.put("force", forces[k // 25])
+        elif k % 25 == 0 and unit != "TrackingController":
+            instance.put("u_eff" if unit == "MfcCompensator" else "u", voltages[k // 25])
+            if unit == "BeamPlant":
+                instance.put("force", forces[k // 25])
         elif k % 25 == 0:
             instance.put("y_pm", strains[k // 25])
             instance.put("u_ff", 3 * voltages[k // 25])
@@ -284,9 +285,12 @@ def test_steps_that_differ_by_the_rounding_of_the_clock() -> None:
     assert np.max(np.abs(ends[1] - ends[0])) < 1e-9 * np.max(np.abs(ends[0]))
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", [unit for unit in UNITS if unit != "MfcCompensator"])
 def test_a_split_step_gives_the_same(unit: str) -> None:
-    """Samples one by one or ten at once, inputs held meanwhile; the feedforward plans at the first of them."""
+    """Samples one by one or ten at once, inputs held meanwhile; the feedforward plans at the first of them.
+
+    The compensator's command is for a next step of the same size.
+    """
     ends = []
     for parts in (1, 10):
         with loaded(native_folder(unit)) as instance:
