@@ -126,9 +126,10 @@ def test_damaged_units_are_built_again(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_cache_of_others_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = tmp_path / "cache"
     root.mkdir()
-    root.chmod(0o777)
-    with pytest.raises(InputError, match="must not be writable by others: its code would run"):
-        cache.prepare_cache(root)
+    for mode in (0o777, 0o720, 0o702):
+        root.chmod(mode)
+        with pytest.raises(InputError, match="must not be writable by others: its code would run"):
+            cache.prepare_cache(root)
     root.chmod(0o700)
     cache.prepare_cache(root)
     monkeypatch.setattr(os, "getuid", lambda: root.stat().st_uid + 1)

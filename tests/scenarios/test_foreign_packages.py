@@ -158,6 +158,26 @@ def test_a_mapping_names_and_transforms_parameters(shop: Shop) -> None:
     assert (values["g.y[1]"], values["g.y[2]"], values["g.seen"], values["g.n"]) == (9.0, 0.0, 4.0, 2.0)
 
 
+def test_mappings_follow_the_conversion_of_units(shop: Shop) -> None:
+    """u[1] is in mm: 2 (1000 x 0.003) + 1; without conversion 2 x 0.003 + 1."""
+    for more, expected in (("", 7.0), ('suppressUnitConversion="1"', 1.006)):
+        inside = '<ssc:LinearTransformation factor="2" offset="1"/>'
+        listed = entry("a", "u[1]", inside).replace("<ssm:MappingEntry", f"<ssm:MappingEntry {more}")
+        mapping = (
+            '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
+            f"{listed}</ssm:ParameterMapping></ssd:ParameterMapping>"
+        )
+        own = parameters(value("a", "Real", "0.003", 'unit="m"'), mapping)
+        assert shop.last(shop.package({"g": (GAINS, own)}))["g.y[1]"] == pytest.approx(expected, rel=1e-15)
+
+
+def test_parameters_of_the_system_go_to_the_component_of_the_longest_name(shop: Shop) -> None:
+    system = parameters(value("1st.part-a.k", "Integer", "5") + value("1st.k", "Integer", "6"))
+    values = shop.last(shop.package({"1st": (GAINS, ""), "1st.part-a": (GAINS, "")}, more=system))
+    assert (values["1st.part-a.n"], values["1st.n"]) == (10.0, 12.0)
+    assert not shop.notes
+
+
 def test_transformations_follow_the_conversion_of_units(shop: Shop) -> None:
     linear = '<ssc:LinearTransformation factor="2" offset="5"/>'
     units = {"s": (SENSORS, ""), "g": (GAINS, "")}
@@ -181,6 +201,17 @@ def test_a_connection_may_name_its_input_first(shop: Shop) -> None:
     wires = connection("s.x[1]", "g.u[1]") + connection("s.x[1]", "h.u[1]")  # one output may drive several inputs
     values = shop.last(shop.package(both, wires))
     assert (values["g.y[1]"], values["h.y[1]"]) == (1000.0, 1000.0)
+
+
+def test_units_that_disagree_on_the_step_need_an_option(shop: Shop) -> None:
+    path = shop.package({"g": (GAINS, ""), "s": (replace(SENSORS, step="0.025"), "")})
+    with pytest.raises(InputError, match="--step must be given: neither the package nor its units agree on a step"):
+        shop.run(path)
+    shop.settings = replace(shop.settings, step=0.025)
+    assert shop.run(path).recording.time.tolist() == [0.0, 0.025, 0.05]
+    shop.settings = replace(shop.settings, step=None)
+    equal = shop.package({"g": (replace(GAINS, step="0.025"), ""), "s": (replace(SENSORS, step="0.025"), "")})
+    assert len(shop.run(equal).recording.time) == 3
 
 
 def test_a_run_begins_at_the_start_time(shop: Shop) -> None:

@@ -173,6 +173,16 @@ def test_the_compared_span_is_told_and_judged(
     assert (text in shown.err) is noted
 
 
+def test_one_sliver_among_several_runs_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole, other = run_folder_of(tmp_path / "whole"), run_folder_of(tmp_path / "other")
+    sliver = csv_file(tmp_path / "a.csv", "time,u[1]", TIME[:5], 100 * TIME[:5])
+    arguments = ["--out", str(tmp_path / "out"), "--tolerance", "1e-9"]
+    assert main(["compare", str(whole), str(other), *arguments]) == 0
+    capsys.readouterr()
+    assert main(["compare", str(whole), str(other), str(sliver), *arguments]) == 1
+    assert "a.csv is compared for less than 50% of the longer recording: FAILED" in capsys.readouterr().out
+
+
 def test_units_of_measurement_of_runs_and_files_are_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

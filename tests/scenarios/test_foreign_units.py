@@ -311,6 +311,7 @@ def test_a_discarded_step_is_a_failure(bench: Bench) -> None:
     run = bench.run('[instance.a]\nfmu = "discarding.fmu"\n' + drive("a.u", "constant = 1.0"))
     assert not run.recording.complete
     assert str(run.recording.failure).startswith("a failed at 0.03 s in fmi2DoStep: ")
+    assert bench.notes == ["a: cannot go on at 0 (2 times)"]  # without the one that the failure quotes
 
 
 def test_a_unit_for_one_instance_is_instantiated_once(tmp_path: Path, run_folder: Path) -> None:
@@ -388,3 +389,19 @@ def test_a_failure_in_the_last_step_of_a_regular_end_keeps_the_recording(bench: 
     assert run.recording.time.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.03])
     assert run.recording.values[:, run.recording.columns.index("a.y")].tolist() == [2.0] * 4
     assert run.recording.values[-1, run.recording.columns.index("b.y")] == 4.0
+
+
+@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
+def test_the_last_step_of_a_regular_end_passes_on_values(bench: Bench, coupling: str) -> None:
+    """Under Gauss-Seidel coupling the unit behind takes the new value of the one that ends the run."""
+    ending = stage("Ending", 2.0)
+    ending.variables.append(V(name="clock", type="Real", causality="output", reference=9))
+    ending.rules += ["clock 9", "finish 0.025"]
+    ending.write(bench.folder / "ending.fmu")
+    stage("Double", 2.0).write(bench.folder / "double.fmu")
+    text = '[instance.a]\nfmu = "ending.fmu"\n[instance.b]\nfmu = "double.fmu"\n' + wire("a.clock", "b.u")
+    recording = bench.run(text, coupling=coupling).recording
+    clock, doubled = (recording.values[:, recording.columns.index(n)] for n in ("a.clock", "b.y"))
+    late = 0 if coupling == "gauss-seidel" else 1
+    assert clock.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04])
+    assert doubled[1:].tolist() == pytest.approx([2 * clock[k - late] for k in range(1, 5)])

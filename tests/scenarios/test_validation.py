@@ -45,6 +45,11 @@ def test_values_that_break_a_rule_are_named(case: str, tmp_path: Path, capsys: p
     assert lines(fmu.write(tmp_path / "unit.fmu"), 1, capsys) == [complaint]
 
 
+@pytest.mark.parametrize("attributes", ['min="2"', 'max="2"', 'min="2" max="2"', 'nominal="-1"'])
+def test_values_at_their_bounds_are_valid(attributes: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lines(unit(attributes=attributes).write(tmp_path / "unit.fmu"), 0, capsys) == ["valid"]
+
+
 def changed(path: Path, old: str, new: str, **entries: bytes | None) -> Path:
     """The FMU with a text of its description replaced, and other entries."""
     with zipfile.ZipFile(path) as archive:

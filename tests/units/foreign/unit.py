@@ -53,6 +53,7 @@ class ForeignUnit:
     dependencies: dict[str, list[str]] | None = None  # inputs by output; None: not stated
     attributes: str = ""  # of CoSimulation
     name: str = "Foreign"
+    step: str = "0.01"  # s, of the default experiment
 
     def description(self) -> str:
         """modelDescription.xml."""
@@ -75,7 +76,7 @@ class ForeignUnit:
             f'<CoSimulation modelIdentifier="foreign" canHandleVariableCommunicationStepSize="true" {self.attributes}/>'
             f"<UnitDefinitions>{units}</UnitDefinitions>"
             f"<TypeDefinitions>{mode}</TypeDefinitions>"
-            '<DefaultExperiment startTime="0" stopTime="1" stepSize="0.01"/>'
+            f'<DefaultExperiment startTime="0" stopTime="1" stepSize="{self.step}"/>'
             f"<ModelVariables>{''.join(map(_element, self.variables))}</ModelVariables>"
             f"<ModelStructure>{lists}</ModelStructure></fmiModelDescription>"
         )
