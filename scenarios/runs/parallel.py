@@ -78,7 +78,8 @@ def run_parallel(jobs: Sequence[Job], workers: int, display: Display, patience: 
                 if patience is not None and monitor.silence() > patience:
                     monitor.kill(f"the code of a unit made no progress for {patience:g} s (see --patience)")
             if not monitor.finished:
-                display.note("interrupted, ending all runs (press Ctrl-C again to end at once)")
+                what = "the run" if len(jobs) == 1 else "all runs"
+                display.note(f"interrupted, ending {what} (press Ctrl-C again to end at once)")
                 stop.set()
                 for future in futures:
                     future.cancel()
