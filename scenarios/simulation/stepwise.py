@@ -229,7 +229,7 @@ class Stepwise(CoSimulation):
         """Continues the recording at a step of a course, or begins it there."""
         past, own = (tuple(branch for branch in c if branch.first < done) for c in (course, self._course))
         if not past or past != own:
-            self._first = done
+            self._first, past = done, ()
         self._course = (*past, _Branch(done, object()))
         self._failure, self.ended = None, ""
         self.stepper.begin(done)

@@ -308,3 +308,45 @@ def test_matrices_of_a_parameter_set_are_those_of_the_unit(scenario: str) -> Non
             found.append(np.concatenate([sim["plant.y_pi"], sim["plant.y_pm"]]))
     gap, largest = np.abs(np.array(found) - expected).max(axis=0), np.abs(expected).max(axis=0)
     assert np.all(gap < 1e-11 * largest)
+
+
+@pytest.mark.native
+def test_whatever_is_restored_the_recording_is_that_of_the_course(scenario: str) -> None:
+    """Random steps, snapshots, restores as objects and as bytes, resets and results; the law depends on the time."""
+    steps, options = 1000, {"without": ["controller"], "decimate": 3}
+
+    def run(sim: Simulation, count: int) -> None:
+        for _ in range(min(count, steps - sim.steps)):
+            sim["plant.u"] = 100 * np.sin(40 * sim.time)
+            sim.step()
+
+    with fb.simulation(scenario, **options) as sim:  # type: ignore[arg-type]
+        run(sim, steps)
+        expected = sim.result().recording
+    random = np.random.default_rng(5)
+    begins = set()
+    for _ in range(12):
+        states: list[Any] = []
+        with fb.simulation(scenario, **options) as sim:  # type: ignore[arg-type]
+            for action in random.choice(["step", "snapshot", "restore", "bytes", "reset", "result"], 25):
+                run(sim, int(random.choice([1, 2, 7, 99, 101, 300])))
+                if action == "snapshot":
+                    states.append(sim.snapshot())
+                elif action in ("restore", "bytes") and states:
+                    state = states[random.integers(len(states))]
+                    sim.restore(bytes(state) if action == "bytes" else state)
+                elif action == "reset" and random.uniform() < 0.2:
+                    sim.reset()
+                elif action == "result":
+                    sim.result()
+            run(sim, steps)
+            found = sim.result().recording
+        first = int(np.searchsorted(expected.time, found.time[0]))
+        begins.add(first)
+        np.testing.assert_array_equal(found.time, expected.time[first:])
+        np.testing.assert_array_equal(found.values, expected.values[first:])
+        if first == 0:
+            assert found.frames is not None
+            assert expected.frames is not None
+            np.testing.assert_array_equal(found.frames.values, expected.frames.values)
+    assert len(begins) > 3
