@@ -137,6 +137,7 @@ leave. For creep, hold a voltage for as long as it matters.
         data_type="MfcActuatorData",
         hooks="mfc_actuator_hooks",
         data=native_data,
+        provides_derivatives=True,
     ),
     python=Path(__file__).parents[1] / "python" / "mfc_actuator.py",
     experiments=mfc_actuator_experiments,

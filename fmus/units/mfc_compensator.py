@@ -109,6 +109,7 @@ leave. For creep, hold a voltage for as long as it matters.
         data_type="MfcCompensatorData",
         hooks="mfc_compensator_hooks",
         data=native_data,
+        provides_derivatives=True,
     ),
     python=Path(__file__).parents[1] / "python" / "mfc_compensator.py",
     experiments=mfc_compensator_experiments,

@@ -36,6 +36,13 @@ static bool mfc_actuator_initialise(UnitInstance *unit)
     return true;
 }
 
+static void mfc_actuator_differentiate(UnitInstance *unit)
+{
+    const MfcActuatorData *const actuator = unit->data;
+    for (size_t k = 0; k < actuator->parameters.channels; k++)
+        unit->changes[actuator->u_eff + k] = mfc_differentiate(unit, &actuator->parameters, k);
+}
+
 /* Keeps the bend that comes first in a direction. */
 static void keep_nearest(double *bend, double candidate, double direction)
 {
@@ -171,6 +178,7 @@ static bool mfc_actuator_restore(UnitInstance *unit)
 INTERNAL_DATA const UnitHooks mfc_actuator_hooks = {
     .state_size = mfc_actuator_state_size,
     .initialise = mfc_actuator_initialise,
+    .differentiate = mfc_actuator_differentiate,
     .restore = mfc_actuator_restore,
     .advance = mfc_actuator_advance,
 };

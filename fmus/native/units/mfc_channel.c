@@ -164,6 +164,55 @@ bool mfc_start(UnitInstance *unit, const MfcParameters *parameters, double *volt
     return true;
 }
 
+/* A play operator after the history: its state, and the change of it into `change`. */
+static double play_with_change(const UnitInstance *unit, const MfcParameters *parameters, size_t k, size_t i,
+                               double *change)
+{
+    const size_t first = parameters->history + k * parameters->extremes;
+    const size_t threshold = parameters->play_threshold + k * parameters->plays + i;
+    double play = 0.0;
+    *change = 0.0;
+    for (size_t e = first; e < first + parameters->extremes; e++) {
+        const double high = unit->values[e] + unit->values[threshold];
+        const double low = unit->values[e] - unit->values[threshold];
+        if (play > high) {
+            play = high;
+            *change = unit->changes[e] + unit->changes[threshold];
+        }
+        if (play < low) {
+            play = low;
+            *change = unit->changes[e] - unit->changes[threshold];
+        }
+    }
+    return play;
+}
+
+double mfc_differentiate(const UnitInstance *unit, const MfcParameters *parameters, size_t k)
+{
+    const MfcChannel channel = mfc_channel(unit, parameters, k);
+    const double *const changes = unit->changes;
+    const double *const weights = changes + parameters->play_weight + k * parameters->plays;
+    const double *const thresholds = changes + parameters->dead_zone_threshold + k * parameters->dead_zones;
+    const double *const slopes = changes + parameters->dead_zone_slope + k * parameters->dead_zones;
+    const double *const creep = changes + parameters->creep_weight + k * parameters->creeps;
+    const double last = changes[parameters->history + (k + 1) * parameters->extremes - 1];
+    double z = changes[parameters->linear_weight + k] * *channel.voltage + channel.linear_weight * last;
+    for (size_t i = 0; i < channel.plays; i++) {
+        double moved;
+        const double play = play_with_change(unit, parameters, k, i, &moved);
+        z += weights[i] * play + channel.play_weight[i] * moved;
+    }
+    double h = z;
+    for (size_t j = 0; j < channel.dead_zones; j++) {
+        const double beyond = one_sided(channel.dead_zone_threshold[j], mfc_superposition(&channel));
+        h += slopes[j] * beyond + (beyond != 0.0 ? channel.dead_zone_slope[j] * (z - thresholds[j]) : 0.0);
+    }
+    double u_eff = h;
+    for (size_t i = 0; i < channel.creeps; i++)
+        u_eff += creep[i] * channel.creep[i] + channel.creep_weight[i] * h;
+    return u_eff;
+}
+
 void mfc_begin_count(UnitInstance *unit, const MfcParameters *parameters)
 {
     unit->values[parameters->saturated] = 0.0;

@@ -55,6 +55,8 @@ INTERNAL MfcChannel mfc_channel(const UnitInstance *unit, const MfcParameters *p
 /* Rest after the history: the last voltage of each channel into `voltages` (channels,); false where a parameter breaks
    a rule. */
 INTERNAL bool mfc_start(UnitInstance *unit, const MfcParameters *parameters, double *voltages);
+/* The change of the first u_eff of channel k for `changes` of the parameters, after mfc_start. */
+INTERNAL double mfc_differentiate(const UnitInstance *unit, const MfcParameters *parameters, size_t k);
 /* The voltage has changed to `voltage` without turning. */
 INTERNAL void mfc_move(const MfcChannel *channel, double voltage);
 INTERNAL double mfc_superposition(const MfcChannel *channel);                 /* z, V */

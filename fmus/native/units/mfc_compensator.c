@@ -57,6 +57,15 @@ static bool mfc_compensator_initialise(UnitInstance *unit)
     return true;
 }
 
+/* The first commands are the last voltages of the history. */
+static void mfc_compensator_differentiate(UnitInstance *unit)
+{
+    const MfcCompensatorData *const compensator = unit->data;
+    const MfcParameters *const parameters = &compensator->parameters;
+    for (size_t k = 0; k < parameters->channels; k++)
+        unit->changes[compensator->u + k] = unit->changes[parameters->history + (k + 1) * parameters->extremes - 1];
+}
+
 /* z that the dead zones, inverted as `images` and slopes behind them, map to h. */
 static double superposition_for(const MfcChannel *channel, const double *images, double h)
 {
@@ -139,6 +148,7 @@ INTERNAL_DATA const UnitHooks mfc_compensator_hooks = {
     .state_size = mfc_compensator_state_size,
     .workspace_size = mfc_compensator_workspace_size,
     .initialise = mfc_compensator_initialise,
+    .differentiate = mfc_compensator_differentiate,
     .restore = mfc_compensator_restore,
     .advance = mfc_compensator_advance,
 };
