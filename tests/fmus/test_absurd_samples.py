@@ -74,6 +74,19 @@ def test_a_gauge_that_stays_beyond_ends_the_run(units: BuiltUnits) -> None:
         assert unit.begin().advance(SAMPLE).take("rejected_samples")[0] == 0
 
 
+def test_each_gauge_has_a_count_of_its_own(units: BuiltUnits) -> None:
+    """A good sample starts a gauge's count again, also one that comes while another gauge is beyond the limit."""
+    third, first = np.array([0.0, 0.0, -0.11, 0.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    with loaded(units("TrackingController")) as unit:
+        unit.begin(rejected_limit=7)
+        for row in (third, first) * 2:
+            for _ in range(6):
+                unit.advance(SAMPLE, y_pm=row)
+        assert unit.take("rejected_samples")[0] == 24
+        with pytest.raises(UnitFailure, match=r"y_pm\[1\] has been beyond .* for 7 samples in a row"):
+            unit.advance(SAMPLE, y_pm=first + third)
+
+
 def test_the_count_is_part_of_the_state(units: BuiltUnits) -> None:
     with loaded(units("TrackingController")) as unit:
         unit.begin(rejected_limit=5).advance(3 * SAMPLE, y_pm=0.5)

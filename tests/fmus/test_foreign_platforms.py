@@ -22,6 +22,7 @@ from tests.native.workshop import (
     HARNESSES,
     NATIVE_UNITS,
     STRICT,
+    UNIT,
     ZIG,
     native_folder,
     native_unit,
@@ -189,19 +190,21 @@ def linked_trace(unit: str, target: str, emulator: Sequence[str], steps: Steps) 
 
 
 @needs_zig
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(0)
+@pytest.mark.skipif(
+    "FLEXBEAMS_CPUS" not in os.environ, reason="FLEXBEAMS_CPUS is not set: zig builds C libraries first"
+)
 @pytest.mark.parametrize("target", CPUS)
-@pytest.mark.parametrize("unit", NATIVE_UNITS)
-def test_values_on_other_cpus(target: str, unit: str) -> None:
-    """32-bit x86 and 64-bit RISC-V: within 1e-12 of each signal's largest value."""
+def test_values_on_other_cpus(target: str) -> None:
+    """Of the closed loop on 32-bit x86 and 64-bit RISC-V: within 1e-12 of each signal's largest value."""
     if shutil.which(CPUS[target]) is None:
         pytest.skip("not installed: qemu-user")
     steps = Steps(1.7e9, MIXED)
-    here = linked_trace(unit, "x86_64-linux-musl", (), steps)
-    there = linked_trace(unit, target, (CPUS[target],), steps)
+    here = linked_trace(UNIT, "x86_64-linux-musl", (), steps)
+    there = linked_trace(UNIT, target, (CPUS[target],), steps)
     assert np.ptp(here, axis=0).max() > 0
     largest = np.maximum(np.max(np.abs(here), axis=0), 1e-300)
-    print(unit, target, f"{np.max(np.abs(there - here) / largest):.1e}")
+    print(target, f"{np.max(np.abs(there - here) / largest):.1e}")
     assert np.max(np.abs(there - here) / largest) <= TOLERANCE
 
 

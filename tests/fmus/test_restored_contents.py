@@ -83,17 +83,36 @@ def test_forging_itself_is_no_reason_to_refuse(workshop: Workshop) -> None:
             one.restore(forged(state, "TrackingController", part, index, value, kind)).advance(SAMPLE)
 
 
+# Doubles from the end of a native state of the controller of kiel, after one tick
+SATURATED, HIGHEST, LOWEST, REJECTED = -1, -5, -9, -15
+
+
 @needs_zig
-@pytest.mark.parametrize("value", [0.5, -1.0, 1e300])
-def test_a_native_count_of_rejected_samples_is_whole_and_small(value: float) -> None:
-    """Behind it in the state: lowest and highest voltage of each of four pairs, count of saturated samples."""
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (SATURATED, 0.5),
+        (SATURATED, -1.0),
+        (SATURATED, 2.0),
+        (HIGHEST, -1.0),
+        (LOWEST, 1.0),
+        (REJECTED, 0.5),
+        (REJECTED, -1.0),
+        (REJECTED, 1e300),
+    ],
+)
+def test_native_counts_and_limits_are_possible_ones(place: int, value: float) -> None:
     with loaded(native_folder("TrackingController")) as one:
         one.begin().advance(SAMPLE)
-        state = bytearray(one.saved())
-        struct.pack_into("<d", state, len(state) - 8 * 10, value)
+        good = one.saved()
+        state = bytearray(good)
+        before = struct.unpack_from("<d", state, len(state) + 8 * place)[0]
+        assert before == {SATURATED: 0.0, HIGHEST: 1000.0, LOWEST: -1000.0, REJECTED: 0.0}[place]
+        struct.pack_into("<d", state, len(state) + 8 * place, value)
         struct.pack_into("<I", state, 12, zlib.crc32(bytes(state[16:])))
         with pytest.raises(UnitFailure, match=RULE):
             one.restore(bytes(state))
+        one.restore(good).advance(SAMPLE)
 
 
 def test_a_getter_that_cannot_be_computed_leaves_the_instance_going(units: BuiltUnits) -> None:
