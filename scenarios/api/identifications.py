@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -40,6 +41,7 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     weights: Mapping[str, float] | None = None,
     delays: Mapping[str, float] | None = None,
+    offsets: Mapping[str, float] | None = None,
     fit_delays: bool = False,
     fit_offsets: bool = False,
     columns: Mapping[str, str | tuple[str, float]] | None = None,
@@ -75,8 +77,9 @@ def identify(
         Relative standard deviations of start values: 0.05 is 5 %.
     bounds
         Lower and upper limits, SI.
-    weights, delays
-        Relative weights of sensors, and their known delays in s, by name: `y_pm[2]`, or `y_pm[]` for all gauges.
+    weights, delays, offsets
+        Relative weights of sensors, their known delays in s, and what they show at zero in SI, by name: `y_pm[2]`, or
+        `y_pm[]` for all gauges.
     fit_delays, fit_offsets
         Whether a delay of each sensor, and an offset of each sensor and file, is fitted as well.
     columns
@@ -117,6 +120,7 @@ def identify(
     start = find_structure(str(structure))
     beams = read_structure(start)
     experiments = _experiments(beams, reading_of(columns or {}, window), files, hold_back, uncoupled, free_start)
+    experiments = _without_offsets(experiments, of_sensors(beams, offsets or {}, "--offset", None))
     space = space_of(beams, known or {}, fixed, free, priors or {}, bounds or {})
     require_plausible(beams, experiments, space.names)
     settings = Settings(
@@ -211,15 +215,19 @@ def space_of(
     return parameter_space(checked, free=chosen or None, known=settled, bounds=limits, priors=deviations)
 
 
-def of_sensors(structure: Structure, given: Mapping[str, float], option: str, default: float) -> Array:
-    """A value for each sensor; y_pm[] stands for all gauges."""
+def _without_offsets(experiments: Sequence[Experiment], offsets: Array) -> list[Experiment]:
+    return [replace(e, outputs=e.outputs - offsets[list(e.sensors)]) for e in experiments]
+
+
+def of_sensors(structure: Structure, given: Mapping[str, float], option: str, default: float | None) -> Array:
+    """A value for each sensor, y_pm[] for all gauges; > 0 for the default 1, >= 0 for 0, any for None, that is 0."""
     names = sensor_names(structure)
-    values = np.full(len(names), default)
+    values = np.full(len(names), default or 0.0)
     for name, number in given.items():
         chosen = [k for k, sensor in enumerate(names) if sensor == name or re.sub(r"\d+", "", sensor) == name]
         if not chosen:
             raise InputError(option, f"{name} is not a sensor" + suggestion(name, names))
-        if number < 0 or (number == 0 and default == 1.0):
+        if default is not None and (number < 0 or (number == 0 and default == 1.0)):
             raise InputError(option, "must be > 0" if default == 1.0 else "must be >= 0", f"{name}={number:g}")
         values[chosen] = number
     return values

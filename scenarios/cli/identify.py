@@ -62,6 +62,7 @@ identify.add_command(hysteresis)
 @click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Limits of a parameter, in SI.")
 @click.option("--weight", multiple=True, metavar="SENSOR=WEIGHT", help="Relative weight, such as y_pm[]=0.1.")
 @click.option("--delay", multiple=True, metavar="SENSOR=SECONDS", help="Known delay of a sensor.")
+@click.option("--offset", multiple=True, metavar="SENSOR=VALUE", help="What a sensor shows at zero, in SI.")
 @click.option("--fit-delays", is_flag=True, help="Fit a delay for each sensor.")
 @click.option("--fit-offsets", is_flag=True, help="Fit an offset for each sensor and file.")
 @map_option

@@ -54,6 +54,7 @@ def call_options(options: dict[str, Any]) -> dict[str, Any]:
         "bounds": bounds_of(options["bounds"]),
         "weights": values_of(options["weight"], "--weight"),
         "delays": values_of(options["delay"], "--delay"),
+        "offsets": values_of(options["offset"], "--offset"),
         "columns": columns_of(options["mapping"]),
         "window": window_of(options["window"]),
         **{

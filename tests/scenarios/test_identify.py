@@ -195,3 +195,19 @@ def test_the_function_gives_what_the_command_gives(rig: Path, capsys: pytest.Cap
     assert sum(done == 1 for done, _ in evaluations) >= len(stages)
     written = fb.structure(rig / "by_function.toml").parameters()
     assert written == pytest.approx(result.structure.parameters(), rel=1e-8)
+
+
+def test_known_offsets_are_taken_off(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = np.loadtxt(rig / "step1.csv", delimiter=",", skiprows=1)
+    header = (rig / "step1.csv").read_text(encoding="utf-8").splitlines()[0]
+    table[:, header.split(",").index("plant.y_pi[1]")] += 2e-3
+    np.savetxt(rig / "shifted.csv", table, delimiter=",", header=header, comments="", fmt="%.17g")
+    options = ["--structure", rig / "start.toml", "--free", "beam[].youngs_modulus", "--free", "patch[].piezo_ratio"]
+    values = []
+    for file, offset in (("step1.csv", []), ("shifted.csv", ["--offset", "y_pi[1]=2e-3"]), ("shifted.csv", [])):
+        assert run("identify", rig / file, *options, *offset, "--json") == 0
+        values.append(json.loads(capsys.readouterr().out)["parameters"]["patch[1].piezo_ratio"]["value"])
+    assert values[1] == pytest.approx(values[0], rel=1e-7)
+    assert abs(values[2] / values[0] - 1) > 1e-3
+    assert run("identify", rig / "step1.csv", *options, "--offset", "y_pu[1]=1") == 2
+    assert "--offset y_pu[1] is not a sensor" in capsys.readouterr().err
