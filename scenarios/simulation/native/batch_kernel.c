@@ -149,21 +149,16 @@ INLINE void grow_pair(const Batch *batch, size_t pair, bool is_complex, const do
     z[1] = lanes_add(z[1], other);
 }
 
-/* z after a step, unless this is step 0, and `width` outputs of it from number `first` on. Every other step goes
-   through the pairs backwards: what was used last is still in the cache. */
-INLINE void pass_plant(size_t width, Batch *batch, size_t first, int64_t number, size_t complex_pairs,
-                       const double *force)
+/* `width` outputs from number `first` on. */
+INLINE void sum_outputs(size_t width, Batch *batch, size_t first)
 {
     const LoopSizes *const s = &batch->sizes;
+    const Lanes *rows = batch->at.plant + 2 + 2 * s->voltages + first;
+    const Lanes *z = batch->at.z;
     Lanes sum[CHUNK];
     for (size_t i = 0; i < width; i++)
         sum[i] = lanes_of(0.0);
-    for (size_t n = 0; n < s->plant_pairs; n++) {
-        const size_t pair = number % 2 == 0 ? n : s->plant_pairs - 1 - n;
-        Lanes *const z = batch->at.z + 2 * pair;
-        const Lanes *const rows = batch->at.plant + pair * pair_lanes(s) + 2 + 2 * s->voltages + first;
-        if (first == 0 && number > 0)
-            grow_pair(batch, pair, pair < complex_pairs, force, z);
+    for (size_t pair = 0; pair < s->plant_pairs; pair++, rows += pair_lanes(s), z += 2) {
         for (size_t i = 0; i < width; i++)
             sum[i] = lanes_add_product(sum[i], rows[i], z[0]);
         for (size_t i = 0; i < width; i++)
@@ -173,17 +168,27 @@ INLINE void pass_plant(size_t width, Batch *batch, size_t first, int64_t number,
         batch->at.y[first + i] = sum[i];
 }
 
-/* The plant at step `number`, after one with the present voltages and a force (beams,), NULL for none. */
-static void step_plant(Batch *batch, int64_t number, const double *force)
+/* All outputs. */
+static void write_outputs(Batch *batch)
 {
     const size_t chunks = (batch->sizes.outputs + CHUNK - 1) / CHUNK;
     const size_t width = chunks == 0 ? 0 : batch->sizes.output_rows / chunks;
-    size_t complex_pairs = batch->sizes.plant_pairs; /* in all lanes */
+    for (size_t chunk = 0; chunk < chunks; chunk++)
+        ALL_WIDTHS(sum_outputs, batch, chunk * width)
+}
+
+/* z of the plant after a step with the present voltages and a force (beams,), NULL for none. */
+static void step_plant(Batch *batch, const double *force)
+{
+    const size_t pairs = batch->sizes.plant_pairs;
+    size_t complex_pairs = pairs; /* in all lanes */
     for (size_t lane = 0; lane < LANES; lane++)
         if (batch->complex_pairs[lane] < complex_pairs)
             complex_pairs = batch->complex_pairs[lane];
-    for (size_t chunk = 0; chunk < chunks; chunk++)
-        ALL_WIDTHS(pass_plant, batch, chunk * width, number, complex_pairs, force)
+    for (size_t pair = 0; pair < complex_pairs; pair++)
+        grow_pair(batch, pair, true, force, batch->at.z + 2 * pair);
+    for (size_t pair = complex_pairs; pair < pairs; pair++)
+        grow_pair(batch, pair, false, force, batch->at.z + 2 * pair);
 }
 
 /* The filter's z after a tick with the inputs (voltages, strains), and the law's sums of it. */
@@ -386,7 +391,7 @@ void run_group(Batch *batch, const double *values, int32_t outcomes[LANES])
         noisy = noisy || values[lane * (size_t)task->plant.value_count + (size_t)task->plant.strain_noise_std] > 0.0;
     Lanes largest = lanes_of(0.0);
     start_controller(batch);
-    step_plant(batch, 0, NULL);
+    write_outputs(batch);
     for (int64_t number = 0; number <= task->steps; number++) {
         if (noisy)
             add_noise(batch, number, values);
@@ -399,7 +404,8 @@ void run_group(Batch *batch, const double *values, int32_t outcomes[LANES])
             force = task->force + (size_t)number * s->beams;
         memcpy(batch->at.inputs, batch->at.u, s->voltages * sizeof *batch->at.u);
         memcpy(batch->at.inputs + s->voltages, batch->at.y + s->points, s->gauges * sizeof *batch->at.y);
-        step_plant(batch, number + 1, force);
+        step_plant(batch, force);
+        write_outputs(batch);
         tick(batch);
         regulate(batch, batch->references + (size_t)number * 2 * s->voltages);
     }

@@ -10,7 +10,7 @@
 #include "lanes.h"
 #include "modal.h"
 
-#define CHUNK 12 /* rows that are summed side by side, at most */
+#define CHUNK 8 /* rows that are summed side by side, at most */
 
 typedef struct {
     size_t voltages;
