@@ -1,5 +1,6 @@
 """One absurd sample at any input of any unit: left out or refused with a line; it puts no voltage on a rail."""
 
+import re
 import struct
 import zlib
 
@@ -151,12 +152,23 @@ def test_results_that_are_not_finite_end_the_step() -> None:
 
 
 @needs_zig
-def test_input_derivatives_that_lead_beyond_are_refused() -> None:
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(("name", "slope"), [("u[2]", 1e300), ("u[2]", 5.1e7), ("force[3]", 1e12)])
+def test_input_derivatives_that_lead_beyond_are_refused(name: str, slope: float, sign: float) -> None:
+    """In both directions, also a little; as far as the bound they are taken."""
     with loaded(native_folder("BeamPlant")) as one:
         one.begin()
-        one.call("setRealInputDerivatives", [one.variables["u[2]"].valueReference], [1], [1e300])
-        with pytest.raises(UnitFailure, match=r"u\[2\] must be within -10000\.0\.\.10000\.0 at the end of the step"):
+        variable = one.variables[name]
+        one.call("setRealInputDerivatives", [variable.valueReference], [1], [sign * slope])
+        rule = rf"{re.escape(name)} must be within -{float(variable.max)}..{float(variable.max)} at the end of the step"
+        with pytest.raises(UnitFailure, match=rule):
             one.advance(SAMPLE)
+        one.call("reset")
+        one.begin()
+        one.call(
+            "setRealInputDerivatives", [variable.valueReference], [1], [sign * 0.99 * float(variable.max) / SAMPLE]
+        )
+        one.advance(SAMPLE)
 
 
 def test_a_first_sample_at_rest_stays_off_the_rails(units: BuiltUnits) -> None:

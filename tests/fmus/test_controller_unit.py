@@ -345,3 +345,14 @@ def test_a_voltage_at_the_limit_is_not_saturated(units: BuiltUnits) -> None:
                 assert unit.take("u[2]")[0] == np.clip(u_ff, -limit, limit)
                 unit.advance(SAMPLE)
             unit.call("reset")
+
+
+def test_the_share_of_saturated_samples_counts_all_of_them(units: BuiltUnits) -> None:
+    """Three of four at a limit, then none of four: 3/4, and 3/8 in the end."""
+    with loaded(units("TrackingController")) as unit:
+        unit.begin(feedback=False)
+        shares = []
+        for k in range(8):
+            unit.advance(2e-4, u_ff=2000.0 if k < 3 else 100.0)
+            shares.append(unit.take("saturation_share")[0])
+    np.testing.assert_allclose(shares, [1, 1, 1, 3 / 4, 3 / 5, 3 / 6, 3 / 7, 3 / 8], rtol=1e-15)
