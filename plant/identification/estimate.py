@@ -22,6 +22,7 @@ from flexbeams.plant.statespace import undamped_frequencies
 
 ROUGH_ROWS = 400  # rows of an experiment that a short horizon needs
 CAUTIOUS_WEIGHT = 0.1  # of strain gauges, relative
+_AT_START = 1e-4  # length of x below which it is where the search began
 WHITE = 5.0  # correlation length, in thinned rows, below which residuals are noise
 ROUGH_DEVIATION = 0.05  # of a sensor's rms: noise assumed until residuals are there to measure it
 FIRST_HORIZON = 0.125  # periods of the slowest mode: one or two of the next group of modes
@@ -219,6 +220,8 @@ class Search:
         unknowns, best = residuals.unknowns, _Best()
         edge = 1e-9
         before = self.evaluations
+        if np.linalg.norm(x) < _AT_START:  # the search's first steps are as long as x, but 1 from zero
+            x = np.zeros_like(x)
         x = np.clip(x, unknowns.lower + edge, unknowns.upper - edge)
 
         def values(x: Array) -> Array:

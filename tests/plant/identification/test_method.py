@@ -1,6 +1,7 @@
 """Identification on synthetic data whose parameters are known."""
 
 import os
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,6 +16,7 @@ from flexbeams.plant.identification.method import Identification, identify
 from flexbeams.plant.identification.modal import modal_form
 from flexbeams.plant.identification.space import parameter_space
 from flexbeams.plant.statespace import static_gains
+from flexbeams.plant.structure import find_structure, read_structure
 from tests.plant.identification.data import (
     HELD_BACK,
     PATTERNS,
@@ -170,3 +172,14 @@ def test_segment_basis_on_its_own_data() -> None:
     start = changed_start(structure, 0.1, 5)
     result = identify(start, data, space_of(start), basis="segment", order=4)
     assert sum(abs(p.value / truth[p.name] - 1) < 0.02 for p in result.parameters) >= 20
+
+
+def test_one_parameter_from_a_smooth_record_without_noise() -> None:
+    """The first rows say nothing of the modulus; a search that stays near zero must not end there."""
+    structure = read_structure(find_structure("single_beam"))
+    model, name = beam_model(structure, "clamped_free"), "beam[1].youngs_modulus"
+    truth = {**structure.parameters(), name: 1.05 * structure.parameters()[name]}
+    rise = np.clip(np.arange(3000) * 2e-3 - 1, 0, 1)
+    record = replace(steps(np.array([[300.0]]), 3, rows=3000, step=2e-3)[0], voltages=300 * rise[:, None] ** 8)
+    result = identify(structure, measured(model, truth, [record], 0.0, 1), parameter_space(structure, free=[name]))
+    assert result.structure.parameters()[name] == pytest.approx(truth[name], rel=1e-6)
