@@ -38,7 +38,6 @@ def report_html(run: Run) -> str:
         outcome=_outcome(run),
         facts=_package_facts(run) if design is None else _facts(run, design),
         metrics=_metrics(run.summary["metrics"], run.summary["checks"]),
-        metrics_units="the units of their variables" if design is None else "SI units",
         timing=_timing(run.summary["timing"]),
         groups=groups,
         loop_pictures=_loops(run, drawn),
