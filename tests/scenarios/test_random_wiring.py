@@ -25,7 +25,7 @@ from tests.units.foreign.unit import ForeignUnit, ForeignVariable
 pytestmark = [pytest.mark.native, pytest.mark.usefixtures("known_designs")]
 
 SYSTEMS = int(os.environ.get("FLEXBEAMS_WIRINGS", "500"))
-BLOCK = 250  # systems of one test
+BLOCK = 100  # systems of one test
 STEP, STEPS = 0.01, 6
 TYPES = ("Real", "Real", "Integer", "Boolean", "Enumeration")
 UNITS = ("", "m", "mm", "V")
@@ -223,4 +223,4 @@ def test_random_systems_agree_with_a_plain_evaluation(first: int, tmp_path: Path
         for column, values in zip(recording.columns, recording.values.T, strict=True):
             assert np.array_equal(values, rows[column]), (seed, column, values, rows[column])
     assert refused < len(seeds) / 2
-    assert refused or len(seeds) < BLOCK
+    assert refused or first or len(seeds) < BLOCK
