@@ -1,5 +1,6 @@
 """Executors on other machines: a Dask cluster by the address of its scheduler."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -41,6 +42,9 @@ def _client(address: str) -> Any:
     if find_spec("distributed") is None:
         raise InputError("--scheduler", "needs the package distributed (pip install 'flexbeams[cluster]')")
     distributed: Any = import_module("distributed")
+    for name in logging.root.manager.loggerDict:  # a lost connection is one line here
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

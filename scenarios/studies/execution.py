@@ -140,9 +140,8 @@ class StudyRun:
             raise
         except BaseException as error:
             if type(error).__module__.startswith(("distributed", "concurrent", "asyncio")):
-                raise ExecutorLost(
-                    f"the workers were lost: {' '.join(str(error).split()) or type(error).__name__}"
-                ) from None
+                reason = " ".join(str(error).split()) or type(error).__name__
+                raise ExecutorLost(f"the cluster was lost ({reason}); the same command does what is missing") from None
             raise
         del self._futures[future]
         if done.missing:
