@@ -92,7 +92,7 @@ def test_misuse_is_one_line_and_status_2(
 
 
 def test_list_has_a_line_for_each_scenario(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = output(capsys, "list").partition("\n\nStructures:\n")[0].splitlines()
+    lines = output(capsys, "list").partition("\n\nStudies:\n")[0].splitlines()
     files = scenario_files()
     assert [line.split()[0] for line in lines] == list(files)
     for line, path in zip(lines, files.values(), strict=True):
