@@ -92,6 +92,8 @@ def test_a_state_with_other_coordinates_continues_from_the_energy_coordinates() 
             one.restore(saved)
             other.restore(bytes(content))
             for _ in range(5):
-                expected = one.advance(1e-3).everything()
-                found = other.advance(1e-3).everything()
-                np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-13 * np.abs(expected).max())
+                one.advance(1e-3)
+                other.advance(1e-3)
+                for name in ("y_pi", "y_pm", "w", "energy"):
+                    expected, found = one.take(name), other.take(name)
+                    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
