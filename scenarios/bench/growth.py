@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from flexbeams.controller.design import compute_design
-from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.units.beam_plant import BEAM_PLANT
 from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
 from flexbeams.plant.structure import Spring, Structure, find_structure, read_structure
@@ -17,16 +16,14 @@ from flexbeams.scenarios.bench.loop_costs import from_rest
 from flexbeams.scenarios.bench.timing import bare_and_fmi, interleaved
 from flexbeams.scenarios.bench.workbench import Workbench
 
-REDUCED_MODES = {1: 5, 2: 5, 3: 5, 5: 5, 10: 2, 20: 1}  # by number of beams, fewer where the series would be too long
+BEAMS = (1, 2, 3, 5, 10, 20)
 STEPS = 1_000  # at most
-DESIGN = {"output_weight": "energy", "gevrey_order": 1.5}  # options that give a design for all of these
 
 
 def measure_growth(bench: Workbench, rounds: int, beams: int) -> dict[str, Any]:
-    """Plant and controller of a row of beams."""
-    modes = REDUCED_MODES[beams]
+    """Plant and controller of a row of beams, with default options of the design."""
     structure = repeat_beams(read_structure(find_structure("kiel")), beams)
-    design = compute_design(structure, DesignOptions(reduced_modes=modes, **DESIGN))  # type: ignore[arg-type]
+    design = compute_design(structure)
     model = design.model()
     files = bench.units({"plant": (BEAM_PLANT, model), "controller": (TRACKING_CONTROLLER, model)}, design)
     matrices = matrices_of(design, model)
@@ -36,8 +33,7 @@ def measure_growth(bench: Workbench, rounds: int, beams: int) -> dict[str, Any]:
     result = {
         "beams": beams,
         "states": len(matrices.transition),
-        "reduced_modes": modes,
-        **DESIGN,
+        "reduced_modes": design.options.reduced_modes,
         "reduced_states": len(matrices.filter),
         "inputs": len(structure.patch),
         "steps": steps,

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexbeams.fmus.units.motion_tables import SLOTS
 from flexbeams.scenarios.bench.callers import caller_costs
-from flexbeams.scenarios.bench.growth import REDUCED_MODES, measure_growth
+from flexbeams.scenarios.bench.growth import BEAMS, measure_growth
 from flexbeams.scenarios.bench.loop_costs import (
     REAL_TIME_LIMIT,
     closed_loop_costs,
@@ -46,7 +46,7 @@ def measure(
         partial(step_durations, bench),
         partial(plant_form_costs, bench, min(rounds, FORM_ROUNDS)),
         partial(caller_costs, bench, min(rounds, CALLER_ROUNDS)),
-        *(partial(measure_growth, bench, rounds, count) for count in beams or REDUCED_MODES),
+        *(partial(measure_growth, bench, rounds, count) for count in beams or BEAMS),
     ]
     results = []
     for done, part in enumerate(parts):

@@ -145,15 +145,10 @@ def test_rows_of_beams() -> None:
     assert [p.beam for p in five.patch] == [1, 2, 2, 3, 4, 5, 5]
 
 
-def patch_modes(monkeypatch: pytest.MonkeyPatch, modes: dict[int, int]) -> None:
-    for module in ("growth", "measure"):
-        monkeypatch.setattr(f"flexbeams.scenarios.bench.{module}.REDUCED_MODES", modes)
-
-
 def test_json_of_the_verb(
     at_run_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    patch_modes(monkeypatch, {1: 2, 2: 2})
+    monkeypatch.setattr("flexbeams.scenarios.bench.measure.BEAMS", (1, 2))
     assert main(["bench", "--steps", "40", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["steps"] == 40
@@ -171,7 +166,7 @@ def test_json_of_the_verb(
             assert loop[variant]["us_per_step"] == pytest.approx(1e6 * loop[variant]["seconds"] / 40)
     assert [t["transitions"] for t in figures["transitions"]] == [1, 8]
     assert figures["real_time"].keys() == {"steps", "median", "p99", "p99.99", "max", "limit", "over_limit"}
-    assert [(g["beams"], g["states"], g["reduced_states"]) for g in figures["growth"]] == [(1, 20, 4), (2, 40, 8)]
+    assert [(g["beams"], g["states"], g["reduced_states"]) for g in figures["growth"]] == [(1, 20, 10), (2, 40, 20)]
     for grown in figures["growth"]:
         for unit in ("plant", "controller"):
             assert grown[unit].keys() == {"bare_us_per_step", "fmi_us_per_step", "ratio"}
@@ -189,7 +184,7 @@ def test_json_of_the_verb(
 def test_table_of_the_verb(
     at_run_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    patch_modes(monkeypatch, {1: 2})
+    monkeypatch.setattr("flexbeams.scenarios.bench.measure.BEAMS", (1,))
     assert main(["bench", "--steps", "10"]) == 0
     shown = capsys.readouterr().out
     for text in (
