@@ -30,7 +30,7 @@ def measure_growth(bench: Workbench, rounds: int, beams: int) -> dict[str, Any]:
     bare = bench.bare(matrices=matrices)
     steps = min(bench.steps, STEPS)
     random = np.random.default_rng(beams)
-    result = {
+    result: dict[str, Any] = {
         "beams": beams,
         "states": len(matrices.transition),
         "reduced_modes": design.options.reduced_modes,
