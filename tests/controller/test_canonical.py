@@ -3,6 +3,7 @@
 import itertools
 import os
 import platform
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -23,7 +24,7 @@ from tests.helpers import ROOT
 from tests.oracles.examples import equal_beams, uncoupled_beams
 from tests.oracles.monolithic import largest_difference, simulate
 
-# Kernels of OpenBLAS that round differently, in the order of their age
+# Kernels of OpenBLAS that round differently, in the order of their age; the last one needs AVX-512
 KERNELS = ("Prescott", "Sandybridge", "Haswell", "SkylakeX")
 TARGET = [-8e-3, 1e-3, 4e-3, -6e-3]
 
@@ -126,7 +127,7 @@ def write_designs(path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def designs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Array]]:
-    """By kernel of OpenBLAS: arrays and ids by case and name."""
+    """By kernel of OpenBLAS that this processor has the instructions for: arrays and ids by case and name."""
     if platform.machine() not in ("x86_64", "AMD64"):
         pytest.skip("the kernels of OpenBLAS are those of x86-64")
     folder = tmp_path_factory.mktemp("designs")
@@ -135,7 +136,10 @@ def designs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Arr
         path = folder / f"{kernel}.npz"
         program = f"import pathlib, tests.controller.test_canonical as t; t.write_designs(pathlib.Path({str(path)!r}))"
         environment = {**os.environ, "OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": "1"}
-        subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT, env=environment)
+        done = subprocess.run([sys.executable, "-c", program], check=False, cwd=ROOT, env=environment)
+        if done.returncode == -signal.SIGILL and kernel == KERNELS[-1]:
+            continue
+        done.check_returncode()
         with np.load(path) as archive:
             found[kernel] = {name: archive[name] for name in archive.files}
     return found
@@ -152,7 +156,7 @@ def case(designs: dict[str, dict[str, Array]], kernel: str, name: str, basis: st
 def test_every_linear_algebra_gives_one_design(designs: dict[str, dict[str, Array]], name: str, basis: str) -> None:
     """The same id, and arrays within 1e-9 of each one's largest entry."""
     first = case(designs, KERNELS[0], name, basis)
-    for kernel in KERNELS[1:]:
+    for kernel in list(designs)[1:]:
         other = case(designs, kernel, name, basis)
         assert str(other.pop("id")) == str(first["id"])
         assert largest_difference(state_series(other), state_series(first)) < 1e-9, kernel
@@ -164,7 +168,7 @@ def test_every_linear_algebra_gives_one_design(designs: dict[str, dict[str, Arra
 @pytest.mark.slow
 def test_kernels_do_round_differently(designs: dict[str, dict[str, Array]]) -> None:
     """Otherwise the test above shows nothing."""
-    gains = [case(designs, kernel, "kiel", "clamped_free")["feedback_gain"] for kernel in KERNELS]
+    gains = [case(designs, kernel, "kiel", "clamped_free")["feedback_gain"] for kernel in designs]
     assert any(not np.array_equal(gains[0], gain) for gain in gains[1:])
 
 
@@ -174,15 +178,15 @@ def test_feedforward_and_controller_of_different_machines_fit(designs: dict[str,
     made = compute_design(structures()["kiel"], DesignOptions())
     of_reference = ("flat_ratios", "mode_series", "mode_inputs", "mode_states", "static_inverse")
     mixed = {
-        key: case(designs, "Prescott" if key in of_reference else "SkylakeX", "kiel", "clamped_free")[key]
+        key: case(designs, KERNELS[0] if key in of_reference else list(designs)[-1], "kiel", "clamped_free")[key]
         for key in made.arrays
     }
     runs = [
         simulate(design, made.model(), steps=7500, targets=[(0.1, TARGET)])
         for design in (
-            replace(made, arrays=case(designs, "Haswell", "kiel", "clamped_free")),
+            replace(made, arrays=case(designs, "Sandybridge", "kiel", "clamped_free")),
             replace(made, arrays=mixed),
         )
     ]
-    for signal in ("plant.y_pi", "plant.u", "controller.x_est"):
-        assert largest_difference(runs[1][signal], runs[0][signal]) < 1e-9, signal
+    for name in ("plant.y_pi", "plant.u", "controller.x_est"):
+        assert largest_difference(runs[1][name], runs[0][name]) < 1e-9, name
