@@ -63,3 +63,18 @@ def test_plans_do_not_depend_on_the_steps(units: BuiltUnits) -> None:
         found = course(units, steps, targets)
         np.testing.assert_array_equal(found[:, -3:], even[:, -3:])
         assert np.abs(found - even).max() <= 1e-9 * np.abs(even).max()
+
+
+def test_a_search_goes_on_from_every_tick(units: BuiltUnits) -> None:
+    """A state that is saved at any tick of a search is accepted, and leads to the same plan."""
+    inverse = computed_once(read_structure(find_structure("kiel"))).arrays["static_inverse"]
+    goals = np.random.default_rng(5).uniform(-950, 950, (8, 4)) @ np.linalg.pinv(inverse).T
+    with loaded(units("FlatnessFeedforward")) as unit, loaded(units("FlatnessFeedforward")) as copy:
+        unit.begin(transition_time=0.4, y_target=goals[0]).advance(0.1)
+        for goal in goals[1:]:
+            unit.put("y_target", goal)
+            states = [unit.advance(SAMPLE).saved() for _ in range(130)]
+            expected = unit.take(*OUTPUTS)[-3:]
+            for k, state in enumerate(states[:-1], 2):
+                found = copy.restore(state).advance((len(states) + 1 - k) * SAMPLE)
+                np.testing.assert_array_equal(found.take(*OUTPUTS)[-3:], expected)

@@ -113,8 +113,8 @@ static void begin_candidate(const FlatnessFeedforwardData *data, const Motion *m
     use_candidate(data, motion, search.numbers, next_candidate(search.numbers));
     search.numbers[CURVE] = search.numbers[SAMPLE] = search.numbers[SAMPLED] = 0.0;
     for (size_t j = 0; j < data->flat.voltages; j++) {
-        search.range.lowest[j] = HUGE_VAL;
-        search.range.highest[j] = -HUGE_VAL;
+        search.range.lowest[j] = DBL_MAX;
+        search.range.highest[j] = -DBL_MAX;
     }
 }
 
