@@ -248,8 +248,8 @@ def test_results_of_another_study_are_kept(study_file: Callable[..., Path], tmp_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_killed_study_goes_on(study_file: Callable[..., Path], tmp_path: Path, number: int) -> None:
-    path = study_file(("runs = 12", "runs = 60"), stop=2.0)
+def test_a_killed_study_goes_on(ctrl_c: None, study_file: Callable[..., Path], tmp_path: Path, number: int) -> None:
+    path = study_file(("runs = 12", "runs = 300"), stop=2.0)
     plan = planned(path)
     arguments = ("study", path, "--out", tmp_path / "out", "--jobs", 1)
     process = command(*arguments, cwd=tmp_path, start_new_session=True)

@@ -172,7 +172,7 @@ def test_results_that_are_no_numbers_disagree(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_ctrl_c_ends_a_validation_that_hangs(tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_validation_that_hangs(ctrl_c: None, tmp_path: Path) -> None:
     bad = referenced(tmp_path / "bad.fmu", "hang step")
     process = command("validate", bad, cwd=tmp_path, start_new_session=True)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
