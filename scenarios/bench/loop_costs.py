@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.bench.bare_loops import BareLoops
 from flexbeams.scenarios.bench.timing import Cost, Times, bare_and_fmi, interleaved, recursion_time, timed
@@ -150,22 +151,23 @@ def from_rest(bare: BareLoops, work: Callable[[], None]) -> Callable[[], float]:
 
 def superposed_costs(bench: Workbench, rounds: int, count: int) -> dict[str, Any]:
     """A step of the feedforward with `count` transitions in progress, measured from a step after the last one began."""
-    rows = np.zeros((bench.steps + count + 1, len(bench.target)))
+    lead = count * (PLANNING_TICKS + 1) + 1
+    rows = np.zeros((bench.steps + lead, len(bench.target)))
     for k in range(count):
-        rows[k + 1 :] = bench.target * (k + 1) / count
+        rows[k * (PLANNING_TICKS + 1) + 1 :] = bench.target * (k + 1) / count
     starts = {"transition_time": 1.25 * len(rows) * bench.step, "preview": bench.preview}
     bare = bench.bare(bench.transitions(rows, starts))
     loop = bench.unit_loop("feedforward", ("y_target",), rows, starts)
 
     def fmi() -> float:
         loop.start()
-        loop.advance(rows[: count + 1])
-        return loop.advance(rows[count + 1 :], count + 1)
+        loop.advance(rows[:lead])
+        return loop.advance(rows[lead:], lead)
 
     def arithmetic() -> float:
         bare.reset()
-        bare.feedforward(0, count + 1)
-        return timed(partial(bare.feedforward, count + 1, bench.steps))
+        bare.feedforward(0, lead)
+        return timed(partial(bare.feedforward, lead, bench.steps))
 
     times = interleaved({"bare": arithmetic, "fmi": fmi}, rounds)
     return {"transitions": count, **bare_and_fmi(times, bench.steps)}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flexbeams.controller.design import Design
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.fmus.packaging.build import ensure_units
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
@@ -130,16 +131,21 @@ class Workbench:
         return self.transitions(self.targets(), dict(self._starts["feedforward"]))
 
     def transitions(self, rows: Array, starts: Starts) -> TransitionSequence:
-        """The transitions that targets (steps, points) cause, with the durations that the unit plans."""
+        """The transitions that targets (steps, points) cause, with the durations that the unit plans.
+
+        A target during a motion takes effect when its plan is done; the next one may come after that.
+        """
         loop = self.unit_loop("feedforward", ("y_target",), rows, starts)
         loop.start()
-        begins = [k for k in range(1, len(rows)) if not np.array_equal(rows[k], rows[k - 1])]
-        changes = [self.design.arrays["static_inverse"] @ (rows[k] - rows[k - 1]) for k in begins]
-        durations, done = [], 0
-        for k in begins:
-            loop.advance(rows[done : k + 1], done)
-            durations.append(float(loop.instances["unit"].get("planned_time")))
-            done = k + 1
+        targets = [k for k in range(1, len(rows)) if not np.array_equal(rows[k], rows[k - 1])]
+        changes = [self.design.arrays["static_inverse"] @ (rows[k] - rows[k - 1]) for k in targets]
+        unit, begins, durations, done = loop.instances["unit"], [], [], 0
+        for k in targets:
+            loop.advance(rows[done:k], done)
+            begins.append(k + (PLANNING_TICKS if unit.get("moving") else 0))
+            loop.advance(rows[k : begins[-1] + 1], k)
+            durations.append(float(unit.get("planned_time")))
+            done = begins[-1] + 1
         return TransitionSequence(
             begins=np.array(begins, np.int64),
             durations=np.array(durations),

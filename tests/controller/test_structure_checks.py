@@ -45,6 +45,7 @@ def test_beams_apart_are_named() -> None:
         patch=KIEL.patch[:3],
         strain_gauge=KIEL.strain_gauge[:4],
         point_of_interest=KIEL.point_of_interest[:3],
+        actuator=None,
     )
     assert warnings_of(alone) == [
         "beam 3 is seen by no gauge, also not through springs",

@@ -15,6 +15,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.scenarios.masters.isolation import resident_bytes
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import UNITS, Workshop, design_of, resident
@@ -256,7 +257,7 @@ def test_categories_of_the_log() -> None:
                 one.fmu.fmi2SetDebugLogging(one.fmu.component, int(bool(categories)), len(categories), names)
             one.fmu.setReal([one.references["transition_time"], one.references["voltage_limit"]], [0.2, 500.0])
             one.fmu.setReal(references, list(target))
-            assert one.call("doStep", 0.0, SAMPLE) == OK
+            assert one.call("doStep", 0.0, (PLANNING_TICKS + 1) * SAMPLE) == OK
             assert [line[2] for line in one.lines] == expected
             assert one.call("doStep", 0.0, -1.0) == ERROR
             assert len(one.lines) == faults

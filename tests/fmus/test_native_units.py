@@ -201,8 +201,10 @@ def test_closed_loop(workshop: Workshop) -> None:
     records = []
     for folder_of in (native_folder, workshop.folder):
         with ExitStack() as stack:
-            units = {unit: stack.enter_context(loaded(folder_of(unit))).begin() for unit in UNITS}
-            plant, feedforward, controller = (units[unit] for unit in UNITS)
+            plant, feedforward, controller = (
+                stack.enter_context(loaded(folder_of(unit))).begin()
+                for unit in ("BeamPlant", "FlatnessFeedforward", "TrackingController")
+            )
             rows = []
             for k in range(4000):
                 if k == 50:

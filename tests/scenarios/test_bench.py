@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.bench.growth import repeat_beams
@@ -80,11 +81,11 @@ def test_controller_within_and_beyond_the_voltage_limit(bench: Workbench) -> Non
 def test_feedforward_under_way_and_arrived(bench: Workbench, end: int) -> None:
     """Three transitions, superposed at first."""
     rows = np.zeros((end, 4))
-    for k, begin in enumerate((3, 4, 90)):
+    for k, begin in enumerate((3, 40, 200)):
         rows[begin:] += np.array([-2e-3, 1e-4 * k, 1e-3, -2e-3])
     starts = {"transition_time": 0.9, "preview": 2e-4}
     transitions = bench.transitions(rows, starts)
-    np.testing.assert_array_equal(transitions.begins, [3, 4, 90])
+    np.testing.assert_array_equal(transitions.begins, [3, 40 + PLANNING_TICKS, 200 + PLANNING_TICKS])
     bare, numpy = bench.bare(transitions), bench.numpy(transitions)
     bare.feedforward(0, end)
     for k in range(end):

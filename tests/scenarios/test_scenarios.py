@@ -435,7 +435,7 @@ def test_what_units_say_is_passed_on(
     results(path, out=tmp_path)
     notes = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("building")]
     assert len(notes) == 2
-    for note, start in zip(notes, ("0.1", "0.3"), strict=True):
+    for note, start in zip(notes, ("0.125", "0.325"), strict=True):
         assert re.fullmatch(
             rf"feedforward: the transition at {start} s is stretched from 0.1 s to 0\.\d+ s to stay "
             r"within 1000\.0 V",
