@@ -246,7 +246,7 @@ class UnitInstance:
 
     def step(self, time: float, step: float) -> None:
         """One doStep from `time`; UnitEnded where the unit discards it since it wants the run to end."""
-        self.time, self.last_error = time, ""
+        self.time = time
         status = self._functions["fmi2DoStep"](self.component, time, step, 1)
         if status == DISCARD and (end := self.end(step)):
             raise end
@@ -257,7 +257,6 @@ class UnitInstance:
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value
 
     def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
-        self.last_error = ""
         self._require(function, self._functions[function](*arguments))
 
     def _require(self, function: str, status: int) -> None:

@@ -55,6 +55,7 @@ class CarelessHost:
             call()
         except UnitFailure as failure:
             self.refused.add(str(failure))
+            self._unit.last_error = ""  # which the wrapper of Python units would count for the next step
 
     def step(self, k: int) -> Real:
         """A step; returns what it reads of the outputs, NaN where it is refused."""
