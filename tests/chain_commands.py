@@ -17,7 +17,7 @@ import numpy as np
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.statespace import static_gains
 from flexbeams.plant.structure import Structure
-from tests.helpers import python_environment
+from tests.helpers import LOOP_WIRES, python_environment
 from tests.oracles.chains import chain_of_beams
 
 SCENARIO = """title = "Chain"
@@ -34,19 +34,7 @@ start.preview = 2e-4
 unit = "TrackingController"
 [instance.plant]
 unit = "BeamPlant"
-[[connection]]
-from = "feedforward.u_ff"
-to = "controller.u_ff"
-[[connection]]
-from = "feedforward.x_ref"
-to = "controller.x_ref"
-[[connection]]
-from = "controller.u"
-to = "plant.u"
-[[connection]]
-from = "plant.y_pm"
-to = "controller.y_pm"
-[[input]]
+{wires}[[input]]
 to = "feedforward.y_target"
 targets = [{{ time = 0.5, value = {target} }}]
 """
@@ -82,7 +70,7 @@ def measure(beams: int, basis: str, planner: str, verify: str) -> Iterator[tuple
     with tempfile.TemporaryDirectory() as folder:
         files = Path(folder)
         (files / "chain.toml").write_text(structure_text(structure), encoding="utf-8")
-        text = SCENARIO.format(basis=basis, planner=planner, verify=verify, target=target)
+        text = SCENARIO.format(basis=basis, planner=planner, verify=verify, wires=LOOP_WIRES, target=target)
         (files / "chain_scenario.toml").write_text(text, encoding="utf-8")
         environment = python_environment(FLEXBEAMS_CACHE=str(files / "cache"))
         for name, arguments in COMMANDS.items():

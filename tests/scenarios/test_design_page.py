@@ -1,7 +1,6 @@
 """The page of a design, as text and in Chromium."""
 
 import re
-import shutil
 from functools import cache
 from pathlib import Path
 
@@ -9,9 +8,8 @@ import pytest
 
 from flexbeams.controller.analysis import analyse
 from flexbeams.scenarios.report.design import design_html
+from tests.browser import chromium, needs_browser
 from tests.helpers import design_of
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @cache
@@ -30,14 +28,12 @@ def test_the_page_is_complete_alone_and_shows_the_figures() -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+@needs_browser
 def test_every_chart_is_drawn_and_nothing_overflows(tmp_path: Path) -> None:
     """Wide and narrow, light and dark, in print; a name switches its curve."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
     file = tmp_path / "design.html"
     file.write_text(page(), encoding="utf-8")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"])
+    with chromium() as browser:
         for width, scheme in ((1280, "light"), (390, "dark")):
             opened = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
             complaints: list[str] = []
@@ -54,4 +50,3 @@ def test_every_chart_is_drawn_and_nothing_overflows(tmp_path: Path) -> None:
             assert name.get_attribute("aria-pressed") == "false"
             opened.emulate_media(media="print")
             assert not complaints
-        browser.close()

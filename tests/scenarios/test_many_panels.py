@@ -1,6 +1,5 @@
 """A comparison of many signals in headless Chromium: plots in view are drawn, a filter finds the others."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,9 @@ import pytest
 from flexbeams.scenarios.report.comparison import comparison_html
 from flexbeams.scenarios.results.compare import Comparison, FinishedRun
 from flexbeams.scenarios.simulation.recording import Recording
+from tests.browser import chromium, needs_browser
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")]
+pytestmark = [pytest.mark.browser, needs_browser]
 COUNT = 60
 ARRAYS = ["plant.y_pi", "plant.u", "plant.y_pm"]
 
@@ -40,13 +37,11 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     ]
     file = tmp_path_factory.mktemp("many") / "compare.html"
     file.write_text(comparison_html(Comparison(runs=runs, arrays=ARRAYS, signals=columns, left_out=[]), "a and b"))
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
+    with chromium() as browser:
         opened = browser.new_page(viewport={"width": 1440, "height": 900})
         opened.on("pageerror", lambda error: pytest.fail(str(error)))
         opened.goto(file.as_uri())
         yield opened
-        browser.close()
 
 
 def settled(page: Any) -> int:

@@ -1,6 +1,5 @@
 """The pages in headless Chromium: no complaint, no request, plots, animation, themes, keyboard, phone."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,24 +12,20 @@ from flexbeams.scenarios.results.compare import compare
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.files import write_run
 from flexbeams.scenarios.runs.scenario import run_scenario
+from tests.browser import chromium, needs_browser
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 FEW = 24  # plots of a page that draws them all at once
 pytestmark = [
     pytest.mark.native,
     pytest.mark.browser,
-    pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed"),
+    needs_browser,
 ]
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
+    with chromium() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import tomllib
 from dataclasses import replace
 from functools import cache
@@ -25,12 +24,12 @@ from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.plant.validation import validate
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.scenario_file import load_scenario
+from tests.browser import chromium, needs_browser
 from tests.helpers import LOOP_WIRES, design_of, made_once
 from tests.oracles.monolithic import simulate
 
 SAMPLE = 2e-4
 PLANTS = 200 if os.environ.get("FLEXBEAMS_ROBUSTNESS") == "full" else 20  # uncertain ones
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 QUICK = ["--evaluations", "100", "--plants", "2"]
 # A blow on the single beam
 BLOW = (
@@ -195,12 +194,10 @@ def test_tune_refuses(arguments: list[str], message: str, tmp_path: Path, capsys
 
 
 @pytest.mark.browser
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+@needs_browser
 def test_every_point_is_one_click_from_its_response() -> None:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
     file = searched() / "tune.html"
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"])
+    with chromium() as browser:
         page = browser.new_page(viewport={"width": 390, "height": 800})
         complaints: list[str] = []
         page.on("console", lambda message: complaints.append(message.text))
@@ -218,7 +215,6 @@ def test_every_point_is_one_click_from_its_response() -> None:
         assert page.locator("#response-title").text_content() == "Response: Point 1"
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         assert not complaints
-        browser.close()
 
 
 def test_disturbance_tuned_is_stable_on_uncertain_plants_with_delay_and_little_noise() -> None:
