@@ -87,13 +87,13 @@ def _growth_without_windup(G: Array, growth: Array, excess: Array) -> Array:
 
     `excess` (n_u,) is how far voltages are beyond their limits. Pairs are held one after the other, from the first on.
     """
+    from scipy.linalg import null_space  # which a run with built units does not need
+
     kept, held = growth, np.zeros(len(growth), dtype=bool)
     directions, sigma, _ = np.linalg.svd(G)
     basis = directions[:, : np.count_nonzero(sigma > 1e-9 * max(sigma[0], np.finfo(float).tiny))]
     while (winding := ~held & (excess * kept > 0)).any():
         held[int(np.argmax(winding))] = True
-        from scipy.linalg import null_space  # which a run with built units does not need
-
         free = basis @ null_space(basis[held])
         kept = np.where(held, 0.0, free @ (free.T @ growth))
     return kept

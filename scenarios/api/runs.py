@@ -4,11 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.scenarios.api.run_settings import run_settings
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.schema import Value
-from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.runs.job import opened_experiment, run_experiment
 from flexbeams.scenarios.runs.observer import Observer, ignore_note
 from flexbeams.scenarios.runs.run_view import RunView, load
@@ -78,20 +77,20 @@ def run(
     >>> run.checks["largest voltage"].passed
     True
     """
-    settings = Settings(
+    settings = run_settings(
+        start=start,
+        structure=structure,
+        design=design,
+        build_folder=build_folder,
+        kinds=kinds,
         backend=backend,
         compiler=compiler,
         coupling=coupling,
         basis=basis,
-        structure=None if structure is None else str(structure),
-        design=dict(design or {}),
         stop_time=stop_time,
         step=step,
-        overrides=dict(start or {}),
         decimate=decimate,
         record_deflections=True,
-        build_folder=cache_folder(build_folder),
-        kinds=tuple(kinds),
     )
     with opened_experiment(str(scenario)) as experiment:
         return RunView.of(run_experiment(experiment, settings, Observer(notify=notify)))

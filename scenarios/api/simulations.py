@@ -4,13 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.api.run_settings import run_settings
 from flexbeams.scenarios.definition.choices import Backend, BasisName, Coupling
 from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Value
-from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.runs.observer import Observer, ignore_note
 from flexbeams.scenarios.runs.simulation import Simulation
@@ -71,19 +70,19 @@ def simulation(
     """
     if is_package(str(scenario)):
         raise InputError("scenario", "must be a scenario; packages are run whole", str(scenario))
-    settings = Settings(
+    settings = run_settings(
+        start=start,
+        structure=structure,
+        design=design,
+        build_folder=build_folder,
+        kinds=kinds,
         backend=backend,
         compiler=compiler,
         coupling=coupling,
         basis=basis,
-        structure=None if structure is None else str(structure),
-        design=dict(design or {}),
         stop_time=stop_time,
         step=step,
-        overrides=dict(start or {}),
         decimate=decimate,
-        build_folder=cache_folder(build_folder),
-        kinds=tuple(kinds),
     )
     file = load_scenario(str(scenario))
     return Simulation(file, settings, without=without, record=record, observer=Observer(notify=notify))

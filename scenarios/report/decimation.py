@@ -10,7 +10,6 @@ from flexbeams.scenarios.simulation.recording import BLOCK_BYTES, Recording
 
 _STRETCHES = 2000  # of a recording whose rows are in a file
 _THINNED_BYTES = 2**27  # of the rows that are kept of it, at most
-_ROUNDING = 1e-9  # s, of times that are meant to be equal
 
 
 def thinned(recording: Recording, start: float = -np.inf, stop: float = np.inf) -> Recording:
@@ -20,8 +19,7 @@ def thinned(recording: Recording, start: float = -np.inf, stop: float = np.inf) 
     """
     if recording.file is None:
         return recording
-    first = recording.rows_before(start - _ROUNDING)
-    last = recording.rows_before(stop + _ROUNDING, equal=True)
+    first, last = recording.rows_between(start, stop)
     count, width = last - first, recording.file.width
     if 8 * count * width <= _THINNED_BYTES // 4:
         stretch = 1

@@ -160,12 +160,11 @@ def _placed(recording: Recording, time: Array, columns: list[int], slack: float)
     count = len(recording.time)
     begin = min(recording.rows_before(time[0] - slack), count - 1)
     end = recording.rows_before(time[-1] + slack, equal=True)
-    parts = list(recording.blocks(max(begin - 1, 0), min(end + 1, count)))
-    own = np.concatenate([part for part, _ in parts]) if len(parts) > 1 else parts[0][0]
-    values = np.concatenate([part[:, columns] for _, part in parts])
-    after = np.clip(np.searchsorted(own, time), 1, max(len(own) - 1, 1))
+    times, parts = zip(*recording.blocks(max(begin - 1, 0), min(end + 1, count)), strict=True)
+    own, values = np.concatenate(times), np.concatenate([part[:, columns] for part in parts])
     if len(own) == 1:
         return np.repeat(values, len(time), axis=0), 0
+    after = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
     nearest = after - (time - own[after - 1] < own[after] - time)
     rows = values[nearest]
     between = np.flatnonzero(np.abs(own[nearest] - time) > slack)

@@ -8,8 +8,6 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.simulation.recording import Recording
 
-_ROUNDING = 1e-9  # s, of times that are meant to be equal
-
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
@@ -24,8 +22,7 @@ class Window:
     def between(cls, recording: Recording, columns: list[int], after: float, before: float | None) -> "Window":
         """The rows from `after` to `before` s, without it to the end; there may be none."""
         last = recording.time[-1] if before is None else before
-        first = recording.rows_before(after - _ROUNDING)
-        stop = recording.rows_before(last + _ROUNDING, equal=True)
+        first, stop = recording.rows_between(after, last)
         return cls(recording=recording, columns=columns, first=first, stop=stop)
 
     def __len__(self) -> int:

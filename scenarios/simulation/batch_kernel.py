@@ -124,7 +124,7 @@ class Batch:
     def run(self, values: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Figures (samples, elements, FIGURES) for values (samples, value_count) of the plant's variables.
 
-        Also which samples are within what the loop covers; figures of others are 0.
+        Also whether the loop covers each sample; where it does not, the sample's figures are 0.
         """
         values = np.ascontiguousarray(values, dtype=np.float64)
         figures = np.empty((len(values), self._measures, FIGURES))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.dimensions import Conversion
+from flexbeams.scenarios.definition.signals import TIME_TOLERANCE
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.frames import Frames
 from flexbeams.scenarios.simulation.row_file import RowFile
@@ -67,6 +68,10 @@ class Recording:
             return int(np.searchsorted(self.time, time, side="right" if equal else "left"))
         search, file = (bisect_right if equal else bisect_left), self.file
         return search(range(file.count), time, key=lambda k: float(file.read(k, k + 1)[0, 0]))
+
+    def rows_between(self, start: float, stop: float) -> tuple[int, int]:
+        """First row at or after `start` s, and the one behind the last at or before `stop` s, but for rounding."""
+        return self.rows_before(start - TIME_TOLERANCE), self.rows_before(stop + TIME_TOLERANCE, equal=True)
 
     def change(self, function: Callable[[Array, Array, bool], None]) -> None:
         """Changes the values in place, block by block: function(time, values, whether it is the last block)."""
