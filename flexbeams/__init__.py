@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from flexbeams.scenarios.api.comparisons import compare
     from flexbeams.scenarios.api.designs import design, structure
     from flexbeams.scenarios.api.exports import export
+    from flexbeams.scenarios.api.hysteresis import identify_hysteresis
     from flexbeams.scenarios.api.identifications import identify
     from flexbeams.scenarios.api.runs import load, run
     from flexbeams.scenarios.api.simulations import simulation
@@ -29,6 +30,7 @@ __all__ = [
     "design",
     "export",
     "identify",
+    "identify_hysteresis",
     "load",
     "register_environments",
     "run",
@@ -44,6 +46,7 @@ _MODULES = {
     "design": "flexbeams.scenarios.api.designs",
     "export": "flexbeams.scenarios.api.exports",
     "identify": "flexbeams.scenarios.api.identifications",
+    "identify_hysteresis": "flexbeams.scenarios.api.hysteresis",
     "load": "flexbeams.scenarios.api.runs",
     "register_environments": "flexbeams.scenarios.learning.registration",
     "run": "flexbeams.scenarios.api.runs",

@@ -1,4 +1,4 @@
-"""What a compensator made of a fit would leave: its voltages for the measured response, beside those applied."""
+"""Voltages of a compensator made of a patch pair for a wanted course of effective voltages."""
 
 import numpy as np
 
@@ -6,7 +6,6 @@ from flexbeams.plant.actuator.inverse import hysteresis_for, invert, voltage_for
 from flexbeams.plant.actuator.operators import hysteresis, move_plays, relax
 from flexbeams.plant.actuator.parameters import PatchPairActuator, operators
 from flexbeams.plant.basis import Array
-from flexbeams.plant.identification.hysteresis import HysteresisFit
 
 
 def commands_for(pair: PatchPairActuator, wanted: Array, step: float) -> Array:
@@ -22,15 +21,3 @@ def commands_for(pair: PatchPairActuator, wanted: Array, step: float) -> Array:
         relax(numbers, creeps, hysteresis(numbers, plays), step)
         commands[k] = voltage[0]
     return commands
-
-
-def remaining_error(fit: HysteresisFit) -> tuple[Array, float, float]:
-    """Voltages that the compensator would have commanded for the measured response, (n,), and their error.
-
-    The error is that of the voltage over its range, largest and rms over the rows that count: near the share of the
-    stroke by which the response would miss.
-    """
-    loops = fit.loops
-    commands = commands_for(fit.pair, (loops.response - fit.offset) / fit.gain, loops.step)
-    error = (commands - loops.voltage)[loops.first_counted :] / np.ptp(loops.voltage)
-    return commands, float(np.max(np.abs(error))), float(np.sqrt(np.mean(error**2)))

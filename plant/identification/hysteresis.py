@@ -7,6 +7,7 @@ while the other two stay; they are solved in turn. Creep is exact for voltages t
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scipy.signal import lfilter
 from flexbeams.plant.actuator.operators import Operators, move_plays
 from flexbeams.plant.actuator.parameters import PatchPairActuator
 from flexbeams.plant.basis import Array
+from flexbeams.plant.identification.compensation import commands_for
 from flexbeams.plant.identification.loops import Loops
 
 MOST_PLAYS = 12
@@ -63,6 +65,30 @@ class HysteresisFit:
         """Share of the response's variance."""
         y = self.loops.response[self.loops.first_counted :] / self.loops.stroke
         return 1.0 - float(np.mean(self.residual**2) / np.var(y))
+
+    @cached_property
+    def commands(self) -> Array:
+        """Voltages (n,) that a compensator made of the fit would have commanded for the measured response."""
+        return commands_for(self.pair, (self.loops.response - self.offset) / self.gain, self.loops.step)
+
+    @property
+    def remaining(self) -> Array:
+        """Those voltages less the applied ones over their range, rows that count.
+
+        This is near the share of the stroke by which the response would miss.
+        """
+        left: Array = (self.commands - self.loops.voltage)[self.loops.first_counted :] / np.ptp(self.loops.voltage)
+        return left
+
+    @property
+    def largest_remaining(self) -> float:
+        """Largest error that a compensator would leave."""
+        return float(np.max(np.abs(self.remaining)))
+
+    @property
+    def rms_remaining(self) -> float:
+        """Root of the mean square of what a compensator would leave."""
+        return float(np.sqrt(np.mean(self.remaining**2)))
 
 
 def fit_hysteresis(

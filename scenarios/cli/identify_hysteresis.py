@@ -50,41 +50,33 @@ def hysteresis(
     Drive the pair slowly, up and down through its whole range and back to zero in between, then through smaller loops;
     columns are time, u[k] in V, and y_pi[k] in m or y_pm[k].
     """
-    from flexbeams.plant.identification.compensation import remaining_error
-    from flexbeams.plant.identification.hysteresis import fit_hysteresis
-    from flexbeams.plant.identification.loops import LoopColumns, read_loops
-    from flexbeams.plant.identification.reading import Column
+    from flexbeams.scenarios.api.hysteresis import identify_hysteresis
     from flexbeams.scenarios.cli.identify_options import columns_of
 
-    columns = {
-        signal: Column(name=column) if isinstance(column, str) else Column(name=column[0], factor=column[1])
-        for signal, column in columns_of(mapping).items()
-    }
-    loops = read_loops(file, LoopColumns(pair=pair, sensor=sensor, mapping=columns))
-    fit = fit_hysteresis(
-        loops, plays, lambda count, error: note(f"{count} play operators: {100 * error:.3g} % on rows held back")
-    )
-    _, largest, rms = remaining_error(fit)
     page = report or (out and out.parent / "hysteresis.html")
+    fit = identify_hysteresis(
+        file,
+        structure=structure or "kiel",
+        pair=pair,
+        sensor=sensor,
+        plays=plays,
+        columns=columns_of(mapping),
+        out=out,
+        report=page,
+        notify=note,
+    )
     if out is not None:
-        from flexbeams.plant.identification.actuator_file import write_pair
-        from flexbeams.plant.structure import find_structure
-
-        write_pair(find_structure(structure or "kiel"), pair or loops.pair, fit, out)
         note(f"structure written to {out}")
     if page is not None:
-        from flexbeams.scenarios.report.hysteresis import write_hysteresis_page
-
-        write_hysteresis_page(fit, page)
         note(f"page written to {page}")
     if as_json:
-        click.echo(json.dumps(as_table(fit, largest, rms), indent=2))
+        click.echo(json.dumps(as_table(fit), indent=2))
     else:
-        _show(fit, largest, rms)
+        _show(fit)
     return 0
 
 
-def as_table(fit: "HysteresisFit", largest: float, rms: float) -> dict[str, Any]:
+def as_table(fit: "HysteresisFit") -> dict[str, Any]:
     """Everything in SI units, errors as shares of the stroke."""
     from dataclasses import asdict
 
@@ -97,14 +89,14 @@ def as_table(fit: "HysteresisFit", largest: float, rms: float) -> dict[str, Any]
         "largest_residual": fit.largest,
         "rms_residual": fit.rms,
         "explained": fit.explained,
-        "compensator_largest": largest,
-        "compensator_rms": rms,
+        "compensator_largest": fit.largest_remaining,
+        "compensator_rms": fit.rms_remaining,
         "trials": fit.trials,
         "pair": asdict(fit.pair),
     }
 
 
-def _show(fit: "HysteresisFit", largest: float, rms: float) -> None:
+def _show(fit: "HysteresisFit") -> None:
     from flexbeams.plant.identification.actuator_file import pair_text
 
     click.echo(pair_text(fit), nl=False)
@@ -112,4 +104,7 @@ def _show(fit: "HysteresisFit", largest: float, rms: float) -> None:
         f"{fit.loops.sensor}: {100 * fit.line:.3g} % of the stroke off a straight line, the model leaves "
         f"{100 * fit.largest:.3g} % ({100 * fit.rms:.3g} % rms), explains {100 * fit.explained:.4g} % of the variance"
     )
-    note(f"a compensator made of it leaves {100 * largest:.3g} % ({100 * rms:.3g} % rms), predicted on these data")
+    note(
+        f"a compensator made of it leaves {100 * fit.largest_remaining:.3g} % ({100 * fit.rms_remaining:.3g} % rms), "
+        "predicted on these data"
+    )

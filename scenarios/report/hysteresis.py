@@ -7,7 +7,6 @@ import numpy as np
 
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
-from flexbeams.plant.identification.compensation import remaining_error
 from flexbeams.plant.identification.hysteresis import HysteresisFit
 from flexbeams.scenarios.report.decimation import plotted_rows
 from flexbeams.scenarios.report.loops import loop_picture
@@ -26,11 +25,10 @@ def hysteresis_html(fit: HysteresisFit) -> str:
     """The page; equal fits give equal bytes."""
     loops = fit.loops
     unit, factor = DISPLAY_UNITS["deflection" if loops.sensor.startswith("y_pi") else "strain"]
-    commands, largest, rms = remaining_error(fit)
     counted = slice(loops.first_counted, None)
     axes = ("voltage in V", f"{loops.sensor} in {unit}")
     voltage, response = loops.voltage[counted], loops.response[counted]
-    inverse = (response / fit.gain - fit.offset / fit.gain, commands[counted])
+    inverse = (response / fit.gain - fit.offset / fit.gain, fit.commands[counted])
     pictures = [
         loop_picture(
             "Response",
@@ -48,7 +46,7 @@ def hysteresis_html(fit: HysteresisFit) -> str:
             "panels": [
                 _panel(loops.sensor, unit, time, {"measured": factor * loops.response, "model": factor * fit.model}),
                 _panel(
-                    "voltage", "V", time, {"applied": loops.voltage, "compensator for the measured response": commands}
+                    "voltage", "V", time, {"applied": loops.voltage, "compensator for the measured response": fit.commands}
                 ),
             ],
             "notes": [f"Rows count from {time[loops.first_counted]:.4g} s on, when both extremes have been reached."],
@@ -59,8 +57,8 @@ def hysteresis_html(fit: HysteresisFit) -> str:
         "Largest residual": fit.largest,
         "Residual, rms": fit.rms,
         "Variance explained": fit.explained,
-        "Compensator: predicted remaining error, largest": largest,
-        "Compensator: predicted remaining error, rms": rms,
+        "Compensator: predicted remaining error, largest": fit.largest_remaining,
+        "Compensator: predicted remaining error, rms": fit.rms_remaining,
     }
     return render(
         "hysteresis.html.j2",

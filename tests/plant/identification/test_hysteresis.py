@@ -12,7 +12,7 @@ from flexbeams.plant.actuator.parameters import PatchPairActuator, operators
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.identification.actuator_file import pair_text, write_pair
-from flexbeams.plant.identification.compensation import commands_for, remaining_error
+from flexbeams.plant.identification.compensation import commands_for
 from flexbeams.plant.identification.hysteresis import HysteresisFit, crept, fit_hysteresis
 from flexbeams.plant.identification.loops import LoopColumns, Loops, read_loops, turning_points
 from flexbeams.plant.identification.reading import Column
@@ -52,10 +52,9 @@ def test_a_compensator_of_the_fit_leaves_below_2_percent_of_the_foreign_element(
     answer = (METRES * bouc_wen(commands_for(fit.pair, wanted, STEP)) - fit.offset) / fit.gain
     missed = (answer - wanted)[200:] / np.ptp(wanted)  # from the end of the first loop on
     assert np.max(np.abs(missed)) < 0.02
-    _, largest, rms = remaining_error(fit)
-    assert largest < 0.02
-    assert 0.5 < largest / np.max(np.abs(missed)) < 2.0  # the prediction is of the size of what comes
-    assert rms < 0.005
+    assert fit.largest_remaining < 0.02
+    assert 0.5 < fit.largest_remaining / np.max(np.abs(missed)) < 2.0  # the prediction is of the size of what comes
+    assert fit.rms_remaining < 0.005
 
 
 def response(pair: PatchPairActuator, voltage: Array, step: float) -> Array:
