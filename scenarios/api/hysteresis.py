@@ -73,7 +73,9 @@ def identify_hysteresis(
     for name, number, most in (("pair", pair, None), ("plays", plays, MOST_PLAYS)):
         if number is not None and not (isinstance(number, int) and 1 <= number <= (most or number)):
             raise InputError(name, f"must be an integer from 1{f' to {most}' if most else ' on'}", number)
-    loops = read_loops(Path(file), LoopColumns(pair=pair, sensor=sensor, mapping=reading_of(columns or {}).columns))
+    loops = read_loops(
+        Path(file), LoopColumns(pair=pair, sensor=sensor, mapping=dict(reading_of(columns or {}).columns))
+    )
     fit = fit_hysteresis(
         loops, plays, lambda count, error: notify(f"{count} play operators: {100 * error:.3g} % on rows held back")
     )

@@ -46,12 +46,29 @@ def hysteresis_html(fit: HysteresisFit) -> str:
             "panels": [
                 _panel(loops.sensor, unit, time, {"measured": factor * loops.response, "model": factor * fit.model}),
                 _panel(
-                    "voltage", "V", time, {"applied": loops.voltage, "compensator for the measured response": fit.commands}
+                    "voltage",
+                    "V",
+                    time,
+                    {"applied": loops.voltage, "compensator for the measured response": fit.commands},
                 ),
             ],
             "notes": [f"Rows count from {time[loops.first_counted]:.4g} s on, when both extremes have been reached."],
         }
     ]
+    return render(
+        "hysteresis.html.j2",
+        title=f"Hysteresis of {loops.name}",
+        facts=_facts(fit),
+        trials=[(count, f"{100 * error:.3g} %") for count, error in fit.trials.items()],
+        chosen=len(fit.pair.play_weights),
+        tables=_tables(fit),
+        pictures=pictures,
+        groups=groups,
+        data={"groups": groups},
+    )
+
+
+def _facts(fit: HysteresisFit) -> list[tuple[str, str]]:
     percent = {
         "Largest deviation from a straight line": fit.line,
         "Largest residual": fit.largest,
@@ -60,17 +77,7 @@ def hysteresis_html(fit: HysteresisFit) -> str:
         "Compensator: predicted remaining error, largest": fit.largest_remaining,
         "Compensator: predicted remaining error, rms": fit.rms_remaining,
     }
-    return render(
-        "hysteresis.html.j2",
-        title=f"Hysteresis of {loops.name}",
-        facts=[(name, f"{100 * value:.{4 if value > 0.9 else 3}g} %") for name, value in percent.items()],
-        trials=[(count, f"{100 * error:.3g} %") for count, error in fit.trials.items()],
-        chosen=len(fit.pair.play_weights),
-        tables=_tables(fit),
-        pictures=pictures,
-        groups=groups,
-        data={"groups": groups},
-    )
+    return [(name, f"{100 * value:.{4 if value > 0.9 else 3}g} %") for name, value in percent.items()]
 
 
 def _tables(fit: HysteresisFit) -> list[dict[str, Any]]:
