@@ -4,12 +4,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import null_space
+from scipy.optimize import linprog
 
+from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.plant.basis import Array
 
 # Singular values of the static gain below this fraction of the largest deflection per volt anywhere on the beams count
 # as zero: such a direction takes a thousand times the voltage, and Galerkin's errors are as large
 RANK_TOLERANCE = 1e-3
+IDLE = 1e-9  # singular values of G_0^+ below this fraction of the largest are those that RANK_TOLERANCE made zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,3 +64,28 @@ def reach_of(gain: Array, largest_deflection: float) -> Reach:
         condition=float(sigma[0] / sigma[rank - 1]) if rank else 1.0,
         unmoved=tuple(int(k) + 1 for k in unmoved),
     )
+
+
+def idle_voltages(inverse: Array) -> Array:
+    """An orthonormal basis (n_u, k) of the voltages that move nothing at rest; k = 0 where the pairs are independent.
+
+    `inverse` (n_u, n_pi) is G_0^+.
+    """
+    basis: Array = null_space(inverse.T, rcond=IDLE)
+    return basis
+
+
+def voltages_within(limits: VoltageLimits, voltages: Array, idle: Array) -> Array | None:
+    """Voltages (n_u,) within the limits that hold what `voltages` (n_u,) hold; None where there are none.
+
+    Of voltages + N z, with N the `idle_voltages` (n_u, k), those furthest from the limits, by a linear program.
+    """
+    one = np.ones((len(idle), 1))
+    rows = np.vstack([np.hstack([idle, one]), np.hstack([-idle, one])])
+    room = np.concatenate([limits.highest - voltages, voltages - limits.lowest])
+    distance = np.append(np.zeros(idle.shape[1]), 1.0)
+    found = linprog(-distance, A_ub=rows, b_ub=room, bounds=(None, None))
+    if not found.success or found.x[-1] < 0.0:
+        return None
+    held: Array = voltages + idle @ found.x[:-1]
+    return held

@@ -18,7 +18,7 @@ from flexbeams.scenarios.definition.signals import TIME_TOLERANCE, Signal, requi
 from flexbeams.scenarios.definition.values import require_value
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.results.curves import figure_curve
-from flexbeams.scenarios.runs.voltage_limits import broken_limit, voltage_limits_of
+from flexbeams.scenarios.runs.voltage_limits import broken_limit, other_voltages, voltage_limits_of
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.simulation.wiring import Wiring
 
@@ -152,9 +152,10 @@ def _require_reachable(
         rule = f"is out of reach: no voltages reach it, the nearest reachable target is [{nearest}]"
         raise InputError(key, f'{rule}; design.targets = "nearest" takes that', target, source=source)
     voltages = inverse @ np.array(target)
-    worst = voltage_limits_of(variables, starts).furthest_beyond(voltages, voltages)
+    limits = voltage_limits_of(variables, starts)
+    worst = limits.furthest_beyond(voltages, voltages)
     if worst.excess > 0:
-        rule = f"is out of reach: {broken_limit(worst, variables, starts)}"
+        rule = f"is out of reach: {broken_limit(worst, variables, starts)}{other_voltages(inverse, voltages, limits)}"
         raise InputError(key, rule, target, source=source)
 
 

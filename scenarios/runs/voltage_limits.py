@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from flexbeams.controller.reach import idle_voltages, voltages_within
 from flexbeams.controller.voltage_limits import Violation, VoltageLimits
+from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.declaration import InstanceDeclaration, element_names
 from flexbeams.scenarios.definition.settings import StartValues
 
@@ -27,6 +29,18 @@ def broken_limit(violation: Violation, variables: Mapping[str, Any], starts: Sta
     if own in variables and abs(bound := _start(own, variables, starts)) < limit:
         return f"{need} {violation.voltage:.1f} V at rest, {own} is {bound:g} V"
     return f"{need} {abs(violation.voltage):.1f} V at rest, the limit is {limit:g} V"
+
+
+def other_voltages(inverse: Array, voltages: Array, limits: VoltageLimits) -> str:
+    """With redundant pairs, whether other voltages within the limits would hold what the feedforward's hold."""
+    idle = idle_voltages(inverse)
+    if not idle.shape[1]:
+        return ""
+    within = voltages_within(limits, voltages, idle)
+    if within is None:
+        return "; no other voltages within the limits hold it"
+    listed = ", ".join(f"{u:.1f}" for u in within)
+    return f"; [{listed}] V would hold it, but the feedforward takes the voltages with the least sum of squares"
 
 
 def note_limits(

@@ -7,7 +7,8 @@ import pytest
 
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
-from flexbeams.controller.reach import reach_of
+from flexbeams.controller.reach import idle_voltages, reach_of, voltages_within
+from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.plant.structure import PointOfInterest, Structure, find_structure, read_structure
 from tests.helpers import design_of
 
@@ -75,3 +76,45 @@ def test_the_cut_is_relative_to_the_largest_deflection_of_the_beams() -> None:
     assert reach_of(np.diag([0.4e-3, 2e-3]), 0.5).rank == 1
     assert reach_of(np.diag([0.4e-3, 2e-3]), 1e-3).rank == 2
     np.testing.assert_allclose(reach_of(gain, 1.0).inverse, np.diag([1.0, 0.0]))
+
+
+def test_voltages_within_limits_that_hold_the_same() -> None:
+    """Two pairs with gains 1 and 2: both d below the limits 400 and 150 V, where (400 - d) + 2 (150 - d) = 500."""
+    G = np.array([[1.0, 2.0]])
+    inverse = reach_of(G, 2.0).inverse
+    idle = idle_voltages(inverse)
+    np.testing.assert_allclose(G @ idle, 0.0, atol=1e-15)
+    assert idle.shape == (2, 1)
+    least = inverse @ [500.0]  # 100 and 200 V
+    limits = VoltageLimits(lowest=np.array([-1000.0, -1000.0]), highest=np.array([400.0, 150.0]))
+    held = voltages_within(limits, least, idle)
+    assert held is not None
+    np.testing.assert_allclose(held, [1000.0 / 3, 250.0 / 3])
+    tight = VoltageLimits(lowest=limits.lowest, highest=np.array([190.0, 150.0]))
+    assert voltages_within(tight, least, idle) is None  # 190 + 2 x 150 = 490 < 500
+    assert idle_voltages(reach_of(np.diag([1.0, 2.0]), 2.0).inverse).shape == (2, 0)
+
+
+def test_voltages_within_limits_beside_a_grid() -> None:
+    """Five pairs on three points: within the limits exactly where a fine grid of idle voltages finds some."""
+    rng = np.random.default_rng(4)
+    G = rng.normal(0.0, 1e-5, (3, 5))
+    inverse = reach_of(G, 1e-5).inverse
+    idle = idle_voltages(inverse)
+    z = np.stack(np.meshgrid(*[np.linspace(-1500.0, 1500.0, 301)] * 2), axis=-1).reshape(-1, 2)
+    found = []
+    for _ in range(20):
+        least = inverse @ G @ rng.uniform(-700.0, 700.0, 5)
+        limits = VoltageLimits(lowest=-rng.uniform(100.0, 800.0, 5), highest=rng.uniform(100.0, 800.0, 5))
+        candidates = least + z @ idle.T
+        distance = np.minimum(limits.highest - candidates, candidates - limits.lowest).min(axis=1).max()
+        held = voltages_within(limits, least, idle)
+        if held is None:
+            assert distance < 0.0
+        else:
+            np.testing.assert_allclose(G @ held, G @ least, rtol=0.0, atol=1e-12)
+            own = np.minimum(limits.highest - held, held - limits.lowest).min()
+            assert own >= max(distance - 1e-6, 0.0)
+            assert own - distance < 15.0  # the grid is 10 V wide
+        found.append(held is not None)
+    assert 4 < sum(found) < 16

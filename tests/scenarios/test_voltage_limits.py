@@ -1,5 +1,6 @@
 """Limits of the voltages in scenarios: units with different ones are noted, and those without effect."""
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from flexbeams.plant.errors import DesignError, InputError
+from flexbeams.plant.structure import find_structure
 from flexbeams.scenarios.definition.scenario_file import load_scenario
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings
@@ -112,3 +114,31 @@ def test_limits_of_the_design(write_scenario: Callable[[str, str], Path]) -> Non
         prepared(text.replace("[400.0]", "[400.0, 400.0]"))
     with pytest.raises(InputError, match=r"design\.voltage_min\[1\] must be <= 0"):
         prepared(text.replace("-30.0", "30.0"))
+
+
+def test_redundant_pairs_and_a_target_beyond_the_limits(write_scenario: Callable[[str, str], Path]) -> None:
+    """The check is that of the feedforward, which takes the least sum of squares; it says what else would hold it."""
+    source = find_structure("single_beam").read_text(encoding="utf-8").partition("[actuator]")[0]
+    patch = source[source.index("[[patch]]") : source.index("[[point_of_interest]]")]
+    two = source + patch.replace("position = 0.025", "position = 0.13")
+    structure = write_scenario("two", two)
+    text = TEXT.replace('"single_beam"', f'"{structure.name}"').replace("[1e-3]", "[5e-3]")
+
+    def refusal(maximum: str) -> str:
+        path = write_scenario("s", f"design.voltage_min = {maximum}\n{text}")
+        try:
+            prepare_scenario(load_scenario(path), Settings())
+        except InputError as error:
+            return str(error)
+        return ""
+
+    needed = refusal("[-1.0, -1.0]")
+    assert "is out of reach: patch pair 1 would need -" in needed
+    assert "; no other voltages within the limits hold it, got [0.005]" in needed
+    assert refusal("[-600.0, -600.0]") == ""
+    line = refusal("[-100.0, -600.0]")
+    assert "\n" not in line
+    found = re.search(r"; \[(-?[\d.]+), (-?[\d.]+)\] V would hold it, but the feedforward takes the", line)
+    assert found is not None, line
+    assert float(found[1]) >= -100.0
+    assert float(found[2]) >= -600.0
