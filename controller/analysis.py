@@ -11,16 +11,15 @@ import numpy as np
 
 from flexbeams.controller.closed_loop import SampledPlant, sampled_controller, sampled_plant
 from flexbeams.controller.design import Design
-from flexbeams.controller.frequency import Complex, Resolvent
+from flexbeams.controller.frequency import Complex, SchurForm
 from flexbeams.controller.loop import LOWEST_FREQUENCY, Loop
 from flexbeams.controller.margins import Margins, loop_margins
 from flexbeams.controller.ranking import Ranking, rank
 from flexbeams.controller.static_error import StaticErrors, static_errors
 from flexbeams.controller.verification import models_of
 from flexbeams.plant.basis import Array
-from flexbeams.plant.energy import energy_form
 from flexbeams.plant.galerkin import BeamModel
-from flexbeams.plant.statespace import static_gains
+from flexbeams.plant.statespace import frequency_responses, static_gains
 from flexbeams.plant.threads import one_thread
 
 CURVE_POINTS = 240
@@ -181,13 +180,10 @@ def bode_of(design: Design, models: Mapping[str, BeamModel]) -> Bode:
     points = len(arrays["H_pi"])
     responses = {}
     for name, model in models.items():
-        system = model.assemble()
-        form = energy_form(system.M, system.D, system.K, system.L)
-        outputs = form.outputs(np.vstack([model.deflection, model.strain]))
-        responses[name] = Resolvent.of(form.A, form.B, outputs).at(1j * omega)
+        responses[name] = frequency_responses(model.assemble(), np.vstack([model.deflection, model.strain]), omega)
     through = np.vstack([arrays["D_pi"], arrays["D_pm"]])
     outputs = np.vstack([arrays["H_pi"], arrays["H_pm"]])
-    responses["reduced"] = Resolvent.of(arrays["A"], arrays["B"], outputs).at(1j * omega) + through
+    responses["reduced"] = SchurForm.of(arrays["A"], arrays["B"], outputs).at(1j * omega) + through
     return Bode(
         omega=omega,
         deflection={name: r[:, :points] for name, r in responses.items()},

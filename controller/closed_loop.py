@@ -133,7 +133,12 @@ def closed_loop_matrix(controller: SampledController, plant: SampledPlant, extra
 
 def closed_loop_poles(controller: SampledController, plant: SampledPlant, extra_delay: int = 0) -> Complex:
     """Poles of the loop in 1/s, log(z) / step, the least stable first; stable ones have negative real parts."""
-    values = np.linalg.eigvals(closed_loop_matrix(controller, plant, extra_delay)).astype(np.complex128)
-    values = np.where(np.abs(values) < 1e-300, 1e-300, values)  # at z = 0, in one sample
-    poles = np.log(values) / plant.step
+    eigenvalues = np.linalg.eigvals(closed_loop_matrix(controller, plant, extra_delay))
+    return poles_of(eigenvalues.astype(np.complex128), plant.step)
+
+
+def poles_of(eigenvalues: Complex, step: float) -> Complex:
+    """Poles in 1/s, log(z) / step, of the eigenvalues z of a sampled system, the least stable first."""
+    values = np.where(np.abs(eigenvalues) < 1e-300, 1e-300, eigenvalues)  # at z = 0, in one sample
+    poles = np.log(values) / step
     return np.asarray(poles[np.argsort(-poles.real)], dtype=np.complex128)

@@ -1,13 +1,14 @@
 """Frequency responses, poles and noise of the loop that is closed: the sampled controller on a full plant."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from flexbeams.controller.closed_loop import SampledController, SampledPlant, closed_loop_matrix, closed_loop_poles
-from flexbeams.controller.frequency import Complex, Resolvent
+from flexbeams.controller.closed_loop import SampledController, SampledPlant, closed_loop_matrix, poles_of
+from flexbeams.controller.frequency import Complex, ModalForm, Resolvent, resolvent
 from flexbeams.plant.basis import Array
 
 LOWEST_FREQUENCY = 0.1  # rad/s
@@ -38,7 +39,7 @@ class Loop:
 
     def poles(self) -> Complex:
         """Poles in 1/s, log(z) / step, the least stable first."""
-        return closed_loop_poles(self.controller, self.plant)
+        return poles_of(self._resolvent.poles, self.plant.step)
 
     @cached_property
     def _inputs(self) -> tuple[Array, Array]:
@@ -55,13 +56,31 @@ class Loop:
     @cached_property
     def _resolvent(self) -> Resolvent:
         """From voltages added at the plant's input and strain noise to the controller's voltages."""
-        return Resolvent.of(closed_loop_matrix(self.controller, self.plant), np.hstack(self._inputs), self._output)
+        return resolvent(closed_loop_matrix(self.controller, self.plant), np.hstack(self._inputs), self._output)
 
     def sensitivity(self, omega: Array) -> LoopResponse:
         """S, T and KS at frequencies omega (k,), rad/s, up to that of Nyquist."""
         n_u, frequencies = self.plant.B.shape[1], np.asarray(omega, dtype=np.float64)
-        G = self._resolvent.at(np.exp(1j * frequencies * self.plant.step))
+        G = self._resolvent.at(self._points(frequencies))
         return LoopResponse(omega=frequencies, S=np.eye(n_u) + G[:, :, :n_u], T=-G[:, :, :n_u], KS=G[:, :, n_u:])
+
+    def input_sensitivity(self, omega: Array) -> Complex:
+        """S (k, n_u, n_u) alone."""
+        n_u = self.plant.B.shape[1]
+        G = self._resolvent.part(slice(None), slice(n_u)).at(self._points(omega))
+        return np.asarray(np.eye(n_u) + G, dtype=np.complex128)
+
+    def channel_sensitivity(self, k: int) -> Callable[[Array], Complex]:
+        """Entry k, k of S as a function of frequencies, (j,) for (j,): of the loop of pair k, the others closed."""
+        entry = self._resolvent.part(slice(k, k + 1), slice(k, k + 1))
+
+        def at(frequencies: Array) -> Complex:
+            return np.asarray(1 + entry.at(self._points(frequencies))[:, 0, 0], dtype=np.complex128)
+
+        return at
+
+    def _points(self, omega: Array) -> Complex:
+        return np.asarray(np.exp(1j * self.plant.step * omega), dtype=np.complex128)
 
     def frequencies(self) -> Array:
         """A grid (k,) in rad/s up to Nyquist that resolves every resonance of the loop and of the plant alone."""
@@ -76,8 +95,13 @@ class Loop:
 
     def noise_gain(self) -> Array:
         """Rms voltage of each pair (n_u,), V, for white strain noise of 1 m/m rms a sample on every gauge."""
-        A = closed_loop_matrix(self.controller, self.plant)
-        B = self._inputs[1]
-        covariance = solve_discrete_lyapunov(A, B @ B.T, method="bilinear")
-        variance = np.einsum("ij,jk,ik->i", self._output, covariance, self._output)
+        form, n_u = self._resolvent, self.plant.B.shape[1]
+        if isinstance(form, ModalForm):
+            noise = form.B[:, n_u:]
+            covariance = noise @ noise.conj().T / (1 - np.outer(form.poles, form.poles.conj()))
+            variance = np.sum((form.C @ covariance) * form.C.conj(), axis=1).real
+        else:
+            A, B = closed_loop_matrix(self.controller, self.plant), self._inputs[1]
+            covariance = solve_discrete_lyapunov(A, B @ B.T, method="bilinear")
+            variance = np.sum((self._output @ covariance) * self._output, axis=1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)

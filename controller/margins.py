@@ -20,7 +20,6 @@ from flexbeams.controller.structured_value import osborne_bounds, structured_bou
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError
 
-_TOLERANCE = 1e-5  # relative, of a peak over frequency
 _INTEGRATED = 1e-5  # |S| at rest below which the loop integrates: zero but for rounding
 
 
@@ -92,7 +91,7 @@ def loop_margins(loop: Loop) -> Margins:
     if (pole := loop.poles()[0]).real >= 0:
         raise DesignError(f"margins need a stable loop, got a pole at {pole.real:.4g}{pole.imag:+.4g}j 1/s")
     omega = loop.frequencies()
-    S = loop.sensitivity(omega).S
+    S = loop.input_sensitivity(omega)
     channels = tuple(_channel(loop, omega, S, k) for k in range(S.shape[1]))
     return Margins(channels=channels, disk=all_channels(loop, omega, S))
 
@@ -102,16 +101,20 @@ def all_channels(loop: Loop, omega: Array, S: Complex) -> DiskMargin:
     shift = np.eye(S.shape[1]) / 2
 
     def bound(frequency: float) -> float:
-        M = loop.sensitivity(np.array([frequency])).S[0] - shift
-        return structured_bound(M, osborne_bounds(M[None])[1][0], _TOLERANCE)
+        M = loop.input_sensitivity(np.array([frequency])) - shift
+        return structured_bound(M[0], osborne_bounds(M)[1][0])
 
-    upper, logs = osborne_bounds(S - shift)
+    sizes = np.abs(S - shift)
+    rows, columns = np.max(np.sum(sizes, axis=2), axis=1), np.max(np.sum(sizes, axis=1), axis=1)
+    single = np.max(np.diagonal(sizes, axis1=1, axis2=2))  # mu is at least that, and at most sqrt(rows columns)
+    candidates = np.flatnonzero(np.sqrt(rows * columns) >= single)
+    upper, logs = osborne_bounds(S[candidates] - shift)
     peak, at = 0.0, 0
     for k in np.argsort(-upper):  # Osborne's scaling bounds mu: below the best value so far, no more can come
         if upper[k] <= peak:
             break
-        value = structured_bound(S[k] - shift, logs[k], _TOLERANCE)
-        peak, at = max((peak, at), (value, int(k)))
+        value = structured_bound(S[candidates[k]] - shift, logs[k])
+        peak, at = max((peak, at), (value, int(candidates[k])))
     frequency, peak = _refined(bound, omega, at, peak)
     return DiskMargin(alpha=1 / peak, frequency=frequency)
 
@@ -124,8 +127,10 @@ def _refined(function: Callable[[float], float], omega: Array, at: int, peak: fl
 
 
 def _channel(loop: Loop, omega: Array, S: Complex, k: int) -> ChannelMargins:
+    response = loop.channel_sensitivity(k)
+
     def sensitivity(frequency: float) -> complex:
-        return complex(loop.sensitivity(np.array([frequency])).S[0, k, k])
+        return complex(response(np.array([frequency]))[0])
 
     def open_loop(frequency: float) -> complex:
         return 1 / sensitivity(frequency) - 1
@@ -133,7 +138,7 @@ def _channel(loop: Loop, omega: Array, S: Complex, k: int) -> ChannelMargins:
     L = 1 / S[:, k, k] - 1
     at_crossings = [open_loop(w).real for w in _crossings(lambda w: open_loop(w).imag, omega, L.imag)]
     # where L is real at the ends of the frequency range, a gain may reach -1 there
-    factors = [-1 / r for r in (*at_crossings, _constant(loop, k), float(L[-1].real)) if r < 0]
+    factors = [-1 / r for r in (*at_crossings, _constant(sensitivity(0.0)), float(L[-1].real)) if r < 0]
     crossovers = list(_crossings(lambda w: abs(open_loop(w)) - 1, omega, np.abs(L) - 1))
     phases = [(w, np.angle(open_loop(w)) % (2 * np.pi)) for w in crossovers]  # distance to -pi: phase + pi
     losses = [(w, (phase + np.pi) % (2 * np.pi)) for w, phase in phases]  # phase that may be lost, rad
@@ -150,16 +155,19 @@ def _channel(loop: Loop, omega: Array, S: Complex, k: int) -> ChannelMargins:
     )
 
 
-def _constant(loop: Loop, k: int) -> float:
-    """L of a pair at rest; inf with integral action."""
-    value = complex(loop.sensitivity(np.zeros(1)).S[0, k, k])
-    return float((1 / value - 1).real) if abs(value) > _INTEGRATED else np.inf
+def _constant(sensitivity: complex) -> float:
+    """L of a pair at rest from S there; inf with integral action."""
+    return float((1 / sensitivity - 1).real) if abs(sensitivity) > _INTEGRATED else np.inf
 
 
 def _crossings(function: Callable[[float], float], omega: Array, values: Array) -> Iterator[float]:
     """Zeros of a function with known values on a grid; poles, where the sign changes at infinity, are left out."""
     for i in np.flatnonzero(values[:-1] * values[1:] < 0):
-        zero = float(brentq(function, omega[i], omega[i + 1], xtol=1e-12 * omega[i + 1], rtol=1e-10))
+        low, high = float(omega[i]), float(omega[i + 1])
+        if function(low) * function(high) >= 0:  # zero but for rounding at one of them
+            yield low if abs(values[i]) < abs(values[i + 1]) else high
+            continue
+        zero = float(brentq(function, low, high, xtol=1e-12 * high, rtol=1e-10))
         if abs(function(zero)) <= min(abs(values[i]), abs(values[i + 1])):
             yield zero
 

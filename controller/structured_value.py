@@ -10,7 +10,13 @@ from flexbeams.controller.frequency import Complex
 from flexbeams.plant.basis import Array
 
 _OSBORNE_SWEEPS = 12
-_RADIUS = 6.0  # of log D around Osborne's scaling in which the best one is searched for
+_FIRST_LEVEL = 1.1  # of the method of centers, times the square to begin with
+_APPROACH = 0.1  # part of a level's distance to the best value that the next one keeps
+_SMALLEST = 1e-30  # the square of a norm that counts as zero
+_LEVELS = 200
+_NEWTON_STEPS = 40
+_ROUNDING = 1e-14  # of the Hessian, which grows without end towards the minimum
+_CENTRED = 0.1  # Newton decrement at which a centre is close enough
 
 
 def osborne_bounds(M: Complex) -> tuple[Array, Array]:
@@ -29,49 +35,47 @@ def osborne_bounds(M: Complex) -> tuple[Array, Array]:
     return np.linalg.norm(scaled, ord=2, axis=(1, 2)), logs
 
 
-def structured_bound(M: Complex, start: Array, tolerance: float = 1e-5) -> float:
-    """min over D of sigma(D M D^-1) for M (n, n), to `tolerance`, relative; `start` is log D (n,) to search around.
+def structured_bound(M: Complex, start: Array, tolerance: float = 1e-6) -> float:
+    """min over D of sigma(D M D^-1) for M (n, n), to `tolerance`, relative; `start` is log D (n,) to begin with.
 
-    The value is convex in log D. The ellipsoid method halves in on its minimum whether or not the largest singular
-    value is simple there, and states how far the best value may be from it.
+    With X = D^2, the square is the least l for which F = l X - M' X M >= 0 for some diagonal X > 0. The method of
+    centers (Boyd and El Ghaoui 1993) goes to the X of largest det F for levels l that come down to the minimum, which
+    is about n times the distance of a level to the value at its center away at most.
     """
     n = len(M)
     if n == 1:
         return float(abs(M[0, 0]))
-    value, gradient = _scaled_norm(M, start)
-    if n == 2:
-        # one free scaling: the ellipsoid method needs two dimensions
-        return _interval_minimum(M, start, tolerance)
-    x, shape, best, m = start[:-1] - start[-1], _RADIUS**2 * np.eye(n - 1), value, n - 1
-    for _ in range(100 * m**2):
-        length = float(np.sqrt(gradient[:-1] @ shape @ gradient[:-1]))
-        if length <= tolerance * best:
+    M = np.exp(start[:, None] - start[None, :]) * M
+    x, best = np.ones(n), float(np.linalg.norm(M, 2) ** 2)
+    level = _FIRST_LEVEL * max(best, _SMALLEST)
+    for _ in range(_LEVELS):
+        x = _centre(M, x, level)
+        D = np.sqrt(x)
+        value = float(np.linalg.norm(D[:, None] * M / D, 2) ** 2)
+        best = min(best, value)
+        if n * (level - value) <= 2 * tolerance * max(best, _SMALLEST):
             break
-        step = shape @ gradient[:-1] / length
-        x = x - step / (m + 1)
-        shape = m**2 / (m**2 - 1) * (shape - 2 / (m + 1) * np.outer(step, step))
-        value, gradient = _scaled_norm(M, np.append(x, 0.0))
-        best = min(best, value)
-    return best
+        level = value + _APPROACH * (level - value)
+    return float(np.sqrt(best))
 
 
-def _scaled_norm(M: Complex, logs: Array) -> tuple[float, Array]:
-    """sigma(D M D^-1) and its derivative by log D (n,)."""
-    scaled = np.exp(logs[:, None] - logs[None, :]) * M
-    U, sigma, Vh = np.linalg.svd(scaled)
-    return float(sigma[0]), sigma[0] * (np.abs(U[:, 0]) ** 2 - np.abs(Vh[0]) ** 2)
-
-
-def _interval_minimum(M: Complex, start: Array, tolerance: float) -> float:
-    """The minimum over the one scaling of two scalars, by the sign of the derivative."""
-    low, high = start[0] - start[1] - _RADIUS, start[0] - start[1] + _RADIUS
-    best = np.inf
-    while high - low > tolerance:
-        middle = (low + high) / 2
-        value, gradient = _scaled_norm(M, np.array([middle, 0.0]))
-        best = min(best, value)
-        low, high = (low, middle) if gradient[0] > 0 else (middle, high)
-    return float(best)
+def _centre(M: Complex, x: Array, level: float) -> Array:
+    """The diagonal (n,) of X with unit mean and largest det F, by Newton's method from x."""
+    for _ in range(_NEWTON_STEPS):
+        Z = np.linalg.inv(level * np.diag(x) - (M.conj().T * x) @ M)
+        W = Z @ M.conj().T
+        V = M @ W
+        gradient = np.diag(V).real - level * np.diag(Z).real
+        hessian = np.abs(level * Z) ** 2 - level * (np.abs(W) ** 2 + np.abs(W.T) ** 2) + np.abs(V) ** 2
+        hessian += _ROUNDING * np.trace(hessian) * np.eye(len(x))
+        full, along = np.linalg.solve(hessian, np.column_stack([gradient, np.ones(len(x))])).T
+        step = along * (np.sum(full) / np.sum(along)) - full
+        decrement = np.sqrt(max(-float(gradient @ step), 0.0))
+        moved = x + step / (1 + decrement)
+        if decrement < _CENTRED or not np.min(moved) > 0:
+            break
+        x = moved
+    return x
 
 
 def _or_one(values: Array) -> Array:

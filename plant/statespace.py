@@ -1,7 +1,8 @@
-"""First-order form, natural frequencies and static gains of the second-order system."""
+"""First-order form, natural frequencies, static gains and frequency responses of the second-order system."""
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular, svdvals
+from numpy.typing import NDArray
+from scipy.linalg import bandwidth, cho_factor, cho_solve, cholesky, solve_banded, solve_triangular, svdvals
 
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
@@ -32,3 +33,26 @@ def static_gains(model: BeamModel, system: SecondOrderSystem) -> tuple[Array, Ar
     """DC gains from u: G_pi (n_pi, n_u) in m/V and G_pm (n_pm, n_u) in 1/V."""
     rest = cho_solve(cho_factor(system.K, lower=True), system.L)
     return model.deflection @ rest, model.strain @ rest
+
+
+def frequency_responses(system: SecondOrderSystem, rows: Array, omega: Array) -> NDArray[np.complex128]:
+    """rows (K + j w D - w^2 M)^-1 L (k, p, n_u) at frequencies omega (k,), rad/s, rows (p, n).
+
+    By elimination within the band of the matrices, which is narrow for a chain of beams: small entries, such as those
+    from one end of a chain to the other, keep their digits.
+    """
+    lower, upper = bandwidth(np.abs(system.M) + np.abs(system.D) + np.abs(system.K))
+    bands = [_diagonals(matrix, lower, upper) for matrix in (system.K, system.D, system.M)]
+    responses = np.empty((len(omega), len(rows), system.L.shape[1]), dtype=np.complex128)
+    for k, w in enumerate(omega):
+        stiffness = bands[0] + 1j * w * bands[1] - w**2 * bands[2]
+        responses[k] = rows @ solve_banded((lower, upper), stiffness, system.L.astype(np.complex128))
+    return responses
+
+
+def _diagonals(matrix: Array, lower: int, upper: int) -> Array:
+    """The diagonals of a matrix (n, n) as rows (lower + upper + 1, n), as solve_banded expects them."""
+    n, rows = len(matrix), np.zeros((lower + upper + 1, len(matrix)))
+    for d in range(-lower, upper + 1):
+        rows[upper - d, max(d, 0) : n + min(d, 0)] = np.diagonal(matrix, d)
+    return rows

@@ -9,7 +9,7 @@ import pytest
 
 from flexbeams.controller.analysis import loop_of
 from flexbeams.controller.closed_loop import closed_loop_matrix, closed_loop_poles, sampled_plant
-from flexbeams.controller.frequency import Complex
+from flexbeams.controller.frequency import Complex, ModalForm, SchurForm, resolvent
 from flexbeams.controller.loop import Loop
 from flexbeams.controller.margins import Margins, loop_margins
 from flexbeams.controller.structured_value import osborne_bounds, structured_bound
@@ -174,5 +174,38 @@ def test_structured_value_of_known_matrices() -> None:
     value = structured_bound(M, logs[0], 1e-7)
     assert value <= bound[0]
     assert destabilising(M)[1] == pytest.approx(value, rel=1e-3)
-    triangular = np.triu(M)
-    assert structured_bound(triangular, np.zeros(3), 1e-7) == pytest.approx(np.abs(np.diag(M)).max(), rel=0.02)
+    assert structured_bound(np.triu(M), np.zeros(3), 1e-6) == pytest.approx(np.abs(np.diag(M)).max(), rel=1e-5)
+    for n in (4, 17, 53):  # a unitary matrix with another scaling: 1 is its spectral radius and its scaled norm
+        unitary = np.linalg.qr(random.normal(size=(n, n)) + 1j * random.normal(size=(n, n)))[0]
+        logs = random.normal(size=n)
+        scaled = np.exp(logs[:, None] - logs) * unitary
+        assert structured_bound(scaled, np.zeros(n)) == pytest.approx(1.0, rel=1e-6)
+    assert structured_bound(np.zeros((3, 3), dtype=np.complex128), np.zeros(3)) == 0.0
+
+
+def test_forms_of_a_frequency_response() -> None:
+    """The modal form beside the Schur form; a matrix without a basis of eigenvectors takes the latter."""
+    random = np.random.default_rng(4)
+    A, B, C = random.normal(size=(9, 9)), random.normal(size=(9, 4)), random.normal(size=(3, 9))
+    points = np.array([0.3j, 2.0 + 1j, -40.0])
+    modal, triangular = resolvent(A, B, C), SchurForm.of(A, B, C)
+    assert isinstance(modal, ModalForm)
+    np.testing.assert_allclose(modal.at(points), triangular.at(points), rtol=1e-11)
+    np.testing.assert_allclose(np.poly(modal.poles), np.poly(triangular.poles), atol=1e-10)
+    expected = [C[1:2] @ np.linalg.solve(s * np.eye(9) - A, B[:, 2:]) for s in points]
+    for form in (modal, triangular):
+        np.testing.assert_allclose(form.part(slice(1, 2), slice(2, None)).at(points), expected, rtol=1e-11)
+    chain = resolvent(np.eye(9, k=1) - np.eye(9), B, C)
+    assert isinstance(chain, SchurForm)
+    expected = [C @ np.linalg.solve((s + 1) * np.eye(9) - np.eye(9, k=1), B) for s in points]
+    np.testing.assert_allclose(chain.at(points), expected, rtol=1e-11)
+
+
+def test_noise_gain_without_a_modal_form() -> None:
+    """By the Lyapunov equation of the Schur form: the same."""
+    here = loop("single_beam", "clamped_free")
+    other = loop_of(design_of("single_beam"), here.plant)
+    other.__dict__["_resolvent"] = SchurForm.of(
+        closed_loop_matrix(here.controller, here.plant), np.hstack(here._inputs), here._output
+    )
+    np.testing.assert_allclose(here.noise_gain(), other.noise_gain(), rtol=1e-9)

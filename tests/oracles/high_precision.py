@@ -49,3 +49,13 @@ def exponential(matrix: Real) -> Real:
     """Matrix exponential with 40 digits, rounded to doubles."""
     with mpmath.workdps(40):
         return np.array(mpmath.expm(mpmath.matrix(matrix.tolist())).tolist(), dtype=float)
+
+
+def frequency_response(M: Real, D: Real, K: Real, rows: Real, inputs: Real, omega: float) -> NDArray[np.complex128]:
+    """rows (K + j w D - w^2 M)^-1 inputs with 40 digits, rounded to doubles."""
+    with mpmath.workdps(40):
+        mass, damping, stiffness = (mpmath.matrix(matrix.tolist()) for matrix in (M, D, K))
+        dynamic = stiffness + mpmath.mpc(0, omega) * damping - mpmath.mpf(omega) ** 2 * mass
+        answers = [mpmath.lu_solve(dynamic, mpmath.matrix(column.tolist())) for column in inputs.T]
+        outputs = [mpmath.matrix(rows.tolist()) * answer for answer in answers]
+        return np.array([[complex(value) for value in output] for output in outputs]).T

@@ -1,4 +1,4 @@
-"""First-order form, natural frequencies and static gains."""
+"""First-order form, natural frequencies, static gains and frequency responses."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,12 @@ from scipy.linalg import eigh
 
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.galerkin import beam_model
-from flexbeams.plant.statespace import state_matrices, static_gains, undamped_frequencies
+from flexbeams.plant.statespace import frequency_responses, state_matrices, static_gains, undamped_frequencies
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.oracles.boundary_value import StaticSolution
+from tests.oracles.chains import chain_of_beams
 from tests.oracles.examples import three_beams
+from tests.oracles.high_precision import frequency_response
 
 KIEL = read_structure(find_structure("kiel"))
 
@@ -56,3 +58,15 @@ def test_positive_voltage_deflects_its_beams_tip_to_the_negative(basis: BasisNam
             key=lambda i: KIEL.point_of_interest[i].position,
         )
         assert gain[tip, k] < 0
+
+
+def test_frequency_responses_keep_small_entries() -> None:
+    """From end to end of a chain, 1e-24 of the largest entry, beside elimination with 40 digits."""
+    model = beam_model(chain_of_beams(5), "clamped_free", 4)
+    system, rows = model.assemble(), np.vstack([model.deflection, model.strain])
+    omega = np.array([14.0, 9e3])
+    found = frequency_responses(system, rows, omega)
+    for k, w in enumerate(omega):
+        expected = frequency_response(system.M, system.D, system.K, rows, system.L, w)
+        np.testing.assert_allclose(found[k], expected, rtol=1e-10)
+    assert np.min(np.abs(found[1])) < 1e-24 * np.max(np.abs(found[1]))
