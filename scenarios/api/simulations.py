@@ -68,8 +68,9 @@ def simulation(
     >>> sim.inputs, sim.time
     (('plant.u', 'plant.force'), 0.1)
     """
-    if is_package(str(scenario)):
-        raise InputError("scenario", "must be a scenario; packages are run whole", str(scenario))
+    if is_package(str(scenario)) or Path(scenario).suffix.lower() == ".fmu":
+        rule = "must be a scenario, which may name FMUs; packages are run as a whole, by fb.run"
+        raise InputError("scenario", rule, str(scenario))
     settings = run_settings(
         start=start,
         structure=structure,

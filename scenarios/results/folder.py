@@ -22,6 +22,7 @@ from flexbeams.plant.locks import Lock
 SUMMARY = "summary.json"
 PARTIAL = "results.partial.npy"
 SCHEMA_VERSION = 1  # of summary.json
+CLAIM = ("unfinished", "replaced", "partial", "files")  # entries that say what a folder holds and is being written
 _IN_THE_WAY = "is in the way and was not written by flexbeams; move it, or choose another folder with --out"
 
 

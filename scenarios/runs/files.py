@@ -11,11 +11,13 @@ from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.report.overview import OVERVIEW, overview_plot
 from flexbeams.scenarios.report.plots import Plot
+from flexbeams.scenarios.results.compare import FinishedRun
 from flexbeams.scenarios.results.files import json_values, write_formats
-from flexbeams.scenarios.results.folder import SUMMARY, ResultFolder
+from flexbeams.scenarios.results.folder import CLAIM, SUMMARY, ResultFolder
 from flexbeams.scenarios.results.run import Kind, Run
 
 REPORT = "report.html"
+TEXTS = ("coupling", "backend", "design_id")  # entries of summary.json that a run which was killed has not noted
 
 
 def summary_head(kind: Kind, name: str, changed: Mapping[str, Any]) -> dict[str, Any]:
@@ -82,6 +84,31 @@ def write_files(
     if run.recording.file is not None and run.recording.file.path is not None:
         run.recording.release()
     folder.finish(summary)
+
+
+def write_loaded(
+    run: FinishedRun, path: Path, *, figures: bool = True, report: bool = True, formats: Sequence[Format] = ("csv",)
+) -> None:
+    """Writes a run that was loaded into the folder `path`: its results, and copies of its figures and report.
+
+    Raises InputError for a file in the way that no earlier run wrote.
+    """
+    copied = [
+        name
+        for name in run.summary.get("files", {})
+        if Path(name).name == name
+        and ((report and name == REPORT) or (figures and name.endswith((".png", ".svg"))))
+        and (run.folder / name).is_file()
+    ]
+    known = {k: v for k, v in run.summary.items() if k not in CLAIM}
+    summary = {**dict.fromkeys(TEXTS, ""), "title": run.label, "checks": [], "metrics": {}, "timing": {}, **known}
+    with ResultFolder(path) as folder:
+        folder.require_free([*file_names([], False, formats), *copied])
+        folder.begin(summary)
+        write_formats(folder, run.recording, summary, formats)
+        for name in copied:
+            folder.write(path / name, (run.folder / name).read_bytes())
+        folder.finish(summary)
 
 
 def _plots(run: Run, folder: Path) -> list[Plot]:

@@ -23,7 +23,7 @@ from flexbeams.scenarios.results.curves import array_name
 from flexbeams.scenarios.results.files import json_values
 from flexbeams.scenarios.results.formats import require_formats
 from flexbeams.scenarios.results.run import Run
-from flexbeams.scenarios.runs.files import REPORT, write_run
+from flexbeams.scenarios.runs.files import REPORT, write_loaded, write_run
 from flexbeams.scenarios.runs.tables import to_pandas, to_xarray
 from flexbeams.scenarios.simulation.recording import Recording
 
@@ -144,9 +144,10 @@ class RunView(Mapping[str, Array]):
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """Units of measurement of arrays and elements; `1` where a quantity has none."""
+        """Units of measurement of arrays and elements; `1` where a quantity has none, empty where they are unknown."""
         signals = self.summary.get("signals", {})
-        units = {c: signals.get(c, {}).get("unit") or "1" for c in self.recording.columns}
+        none = "1" if signals else ""  # a run that was killed has not noted them
+        units = {c: signals.get(c, {}).get("unit") or none for c in self.recording.columns}
         units |= dict.fromkeys(self.recording.deflection_columns, "m")
         return {**{name: units[columns[0]] for name, columns in self._columns.items()}, **units}
 
@@ -158,7 +159,7 @@ class RunView(Mapping[str, Array]):
     @property
     def metrics(self) -> dict[str, float]:
         """Values of the checks, largest magnitudes of all signals, final deflections."""
-        metrics: dict[str, float] = self.summary["metrics"]
+        metrics: dict[str, float] = self.summary.get("metrics", {})  # a run that was killed has none
         return metrics
 
     @property
@@ -186,13 +187,14 @@ class RunView(Mapping[str, Array]):
     ) -> Path:
         """Writes the files that `flexbeams run` writes, results in these formats.
 
-        Raises InputError for a loaded run, a folder with files that no run wrote, and a format whose package is
-        missing.
+        The report and the figures of a loaded run are copies of those in its folder. Raises InputError for a folder
+        with files that no run wrote, and a format whose package is missing.
         """
-        if self.finished is None:
-            raise InputError("run", "must be of this process: its files are there already", str(self.folder))
         require_formats(formats)
-        write_run(self.finished, Path(folder), figures=figures, report=report, formats=formats)
+        if self.finished is not None:
+            write_run(self.finished, Path(folder), figures=figures, report=report, formats=formats)
+        else:
+            write_loaded(self.as_finished(), Path(folder), figures=figures, report=report, formats=formats)
         return Path(folder)
 
     def as_finished(self) -> FinishedRun:
@@ -204,7 +206,8 @@ class RunView(Mapping[str, Array]):
         lines = [f"{self.name}: {len(self.time)} rows up to {self.time[-1]:g} s"]
         if not self.summary["complete"]:
             lines[0] += ", incomplete"
-        lines += [f"  {c['name']}: {c['value']:.4g} {c['unit']}".rstrip() + _verdict(c) for c in self.summary["checks"]]
+        checks = self.summary.get("checks", [])
+        lines += [f"  {c['name']}: {c['value']:.4g} {c['unit']}".rstrip() + _verdict(c) for c in checks]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -256,7 +259,7 @@ def load(folder: str | Path) -> RunView:
     Returns
     -------
     RunView
-        The run, without its design: it cannot be saved again.
+        The run, without its design. Of a run that was killed, the rows that are there, without checks.
 
     Raises
     ------
@@ -277,7 +280,7 @@ def load(folder: str | Path) -> RunView:
         name=str(read.summary["scenario"]),
         summary=read.summary,
         recording=read.recording,
-        outcomes=[Outcome.of_record(check) for check in read.summary["checks"]],
+        outcomes=[Outcome.of_record(check) for check in read.summary.get("checks", [])],
         settings=Settings(**{**changed, "overrides": read.summary.get("set", {})}),
         folder=path,
     )

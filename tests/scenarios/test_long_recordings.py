@@ -223,6 +223,11 @@ def test_a_killed_run_leaves_its_rows(tmp_path: Path, write_scenario: Callable[[
     assert len(table) > 10_000
     assert np.all(np.diff(table["time"]) > 0)
     assert json.loads((out / "summary.json").read_text())["unfinished"]
+    killed = fb.load(out)
+    assert repr(killed).endswith("s, incomplete")
+    assert (dict(killed.checks), killed.metrics, killed.passed) == ({}, {}, False)
+    again = fb.load(killed.save(tmp_path / "again"))
+    np.testing.assert_array_equal(again["plant.y_pi"], killed["plant.y_pi"])
     left = read_folder(out, "killed").recording
     np.testing.assert_array_equal(left.time, table["time"])
     np.testing.assert_array_equal(left.values[:, left.columns.index("plant.y_pi[1]")], table["plant.y_pi[1]"])

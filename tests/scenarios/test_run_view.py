@@ -124,9 +124,19 @@ def test_saved_and_loaded(run: RunView, tmp_path: Path) -> None:
     assert loaded.settings.coupling == run.settings.coupling
     assert loaded.passed
     assert fb.compare(run, loaded, folder / "results.csv", tolerance=1e-15).holds
-    with pytest.raises(fb.FlexbeamsError, match="run must be of this process: its files are there already"):
-        loaded.save(tmp_path / "again")
-    assert not (tmp_path / "again").exists()
+    again = loaded.save(tmp_path / "again", formats=("parquet",), figures=False)
+    assert {path.name for path in again.iterdir()} == {"results.parquet", "report.html", "summary.json"}
+    assert (again / "report.html").read_bytes() == (folder / "report.html").read_bytes()
+    third = fb.load(again)
+    assert fb.compare(run, third, tolerance=1e-15).holds
+    assert third.summary | {"files": None} == loaded.summary | {"files": None}
+    assert third.save(again) == again  # over itself, in another format
+    assert {path.name for path in again.iterdir()} == {"results.csv", "report.html", "summary.json"}
+    assert fb.compare(run, fb.load(again), tolerance=1e-15).holds
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken/results.csv").write_text("mine")
+    with pytest.raises(fb.FlexbeamsError, match=r"taken.results\.csv: is in the way and was not written by flexbeams"):
+        loaded.save(tmp_path / "taken")
     with pytest.raises(fb.FlexbeamsError, match=r"is not a folder of results: it has no summary\.json"):
         fb.load(tmp_path)
 

@@ -222,11 +222,13 @@ def other_snapshot(scenario: str) -> Any:
         ({"without": ["feedforward", "controller", "plant"]}, "without must leave an instance"),
         ({"design": {"reduced_mode": 4}}, "design: reduced_mode is not a known key; did you mean 'reduced_modes'?"),
         ({"start": {"plant.mass": 1.0}}, "--set plant.mass is not a variable"),
+        ({"scenario": "loop.ssp"}, "scenario must be a scenario, which may name FMUs; packages are run as a whole"),
+        ({"scenario": "plant.FMU"}, "scenario must be a scenario, which may name FMUs; packages are run as a whole"),
     ],
 )
 def test_mistakes(scenario: str, options: Any, message: str) -> None:
     with pytest.raises(fb.FlexbeamsError) as caught:
-        fb.simulation(scenario, **options)
+        fb.simulation(**{"scenario": scenario, **options})
     assert message in str(caught.value)
 
 
