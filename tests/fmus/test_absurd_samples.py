@@ -88,6 +88,21 @@ def test_each_gauge_has_a_count_of_its_own(units: BuiltUnits) -> None:
             unit.advance(SAMPLE, y_pm=first + third)
 
 
+def test_a_sample_at_the_limit_counts_beside_one_beyond(units: BuiltUnits) -> None:
+    """The estimate takes it as if it were alone, in both directions."""
+    limit = 0.01
+    with loaded(units("TrackingController")) as unit:
+        for sample in (limit, -limit):
+            found = []
+            for beside in (0.0, 0.011):
+                unit.begin(strain_limit=limit).advance(SAMPLE, y_pm=[0.0, sample, 0.0, 0.0, 0.0, beside])
+                assert unit.take("rejected_samples")[0] == (beside > limit)
+                found.append(unit.take("x_est"))
+                unit.call("reset")
+            np.testing.assert_allclose(found[1], found[0], rtol=1e-12)
+            assert found[0].any()
+
+
 def test_the_count_is_part_of_the_state(units: BuiltUnits) -> None:
     with loaded(units("TrackingController")) as unit:
         unit.begin(rejected_limit=5).advance(3 * SAMPLE, y_pm=0.5)

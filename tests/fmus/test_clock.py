@@ -39,7 +39,9 @@ def outputs(unit: Loaded) -> Real:
 
 def run(folder: object, steps: int, step: float, start: float, time_of: Callable[[int], float]) -> Real:
     with loaded(folder) as unit:  # type: ignore[arg-type]
-        unit.begin(start)
+        unit.prepare(start)
+        assert unit.take("time")[0] == start
+        unit.call("exitInitializationMode")
         excite(unit)
         rows = []
         for k in range(steps):

@@ -30,6 +30,7 @@ from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from flexbeams.scenarios.simulation.recording import Recording
 from flexbeams.scenarios.validation.package import package_problems
+from tests.helpers import Write, design_of
 from tests.native.workshop import native_folder, workspace
 from tests.units.loaded import Loaded, loaded
 
@@ -67,6 +68,18 @@ to = "second.u"
 [[connection]]
 from = "second.y_pm"
 to = "controller.y_pm"
+"""
+DRIVEN = """title = "x"
+structure = "single_beam"
+stop_time = 0.3
+[instance.feedforward]
+unit = "FlatnessFeedforward"
+start.transition_time = 0.2
+[instance.plant]
+unit = "BeamPlant"
+[[connection]]
+from = "feedforward.u_ff"
+to = "plant.u"
 """
 pytestmark = pytest.mark.native
 
@@ -217,6 +230,18 @@ def test_steps_that_end_between_the_inner_ones() -> None:
         assert np.max(np.abs(found[name] - found["inner"]) / scale) < 1e-8, name
 
 
+def test_between_the_inner_steps_the_parts_hold_what_they_were_given(write_scenario: Write) -> None:
+    """Also where each takes the newest values: a plant that a feedforward drives is where whole steps lead it."""
+    found = {}
+    scenario = str(write_scenario("driven", DRIVEN))
+    with loaded(folder_of(exported(scenario, coupling="gauss-seidel"))) as unit:
+        for parts in (1, 4):
+            unit.begin().put("y_target", 5e-3)
+            found[parts] = walk(unit, [SAMPLE / parts] * 500 * parts)
+            unit.call("reset")
+    assert np.abs(found[4] - found[1]).max() < 1e-8 * np.abs(found[1]).max()
+
+
 def test_between_the_inner_steps_the_plant_is_exact() -> None:
     """Half an inner step on, it is where a plant of its own is under the voltages held since the last one."""
     with loaded(tracking()) as unit, loaded(native_folder("BeamPlant")) as plant:
@@ -262,11 +287,15 @@ def test_forged_states_are_refused(place: int, value: float, message: str) -> No
 
 
 def test_the_start_time_shifts_everything() -> None:
+    """The times of the parts too, and nothing else."""
     found = []
     for start in (0.0, 3.0):
         with loaded(tracking()) as unit:
+            times = [name for name in unit.variables if name == "time" or name.endswith(".time")]
             unit.begin(start)
+            np.testing.assert_array_equal(unit.take(*times), [start] * 4)
             found.append(walk(unit, [SAMPLE] * 400, **{"y_target": TARGET}))
+            np.testing.assert_allclose(unit.take(*times), [start + 0.08] * 4, rtol=1e-12)
             places = [
                 k
                 for k, n in enumerate(n for n, v in unit.variables.items() if v.type != "String")
@@ -339,6 +368,27 @@ def test_refusals_name_the_variable_of_the_part(name: str, value: float, message
         with pytest.raises(UnitFailure, match=message):  # noqa: PT012 either call may be the one that is refused
             unit.set_start(name, value)
             unit.call("exitInitializationMode")
+
+
+@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize(("sign", "rule"), [(1.0, r"<= 10000\.0"), (-1.0, r">= -10000\.0")])
+def test_what_is_passed_on_beyond_a_bound_is_refused(sign: float, rule: str, coupling: str) -> None:
+    """When the initialisation ends, and in a step, in either direction; patches that answer 20 times as strongly."""
+    changed = {"coupling": coupling} if coupling == "gauss-seidel" else {}
+    with loaded(folder_of(exported("hysteresis_imperfect", stop_time=1.2, **changed))) as unit:
+        plain = unit.begin().advance(SAMPLE).everything()
+        unit.call("reset")
+        patches = {"actuator.linear_weight": 20.0, "controller.feedback": False}
+        message = rf"plant\.u\[1\] must be {rule}, got {'-' if sign < 0 else ''}1\d{{4}}\."
+        with pytest.raises(UnitFailure, match=message):
+            unit.begin(**patches, **{"actuator.history[1,4]": sign * 800.0})
+        unit.call("reset")
+        target = np.linalg.pinv(design_of().arrays["static_inverse"]) @ (sign * np.array([800.0, 0.0, 0.0, 0.0]))
+        unit.begin(**patches).advance(0.1, y_target=target)
+        with pytest.raises(UnitFailure, match=message):
+            unit.advance(1.0)
+        unit.call("reset")
+        np.testing.assert_array_equal(unit.begin().advance(SAMPLE).everything(), plain)
 
 
 def test_lines_in_the_log_name_the_part() -> None:

@@ -354,5 +354,6 @@ def test_the_share_of_saturated_samples_counts_all_of_them(units: BuiltUnits) ->
         shares = []
         for k in range(8):
             unit.advance(2e-4, u_ff=2000.0 if k < 3 else 100.0)
+            unit.restore(unit.saved())
             shares.append(unit.take("saturation_share")[0])
     np.testing.assert_allclose(shares, [1, 1, 1, 3 / 4, 3 / 5, 3 / 6, 3 / 7, 3 / 8], rtol=1e-15)

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from flexbeams.controller.planner import PLANNING_TICKS, PendingTransitions
+from flexbeams.controller.planner import PLANNING_TICKS, InputShapes, PendingTransitions
 from flexbeams.scenarios.simulation.failure import UnitFailure
 from tests.helpers import STRUCTURES, BuiltUnits, design_of
 from tests.units.loaded import Loaded, Real, loaded
@@ -204,6 +204,18 @@ def test_ninth_target_waits_for_a_free_slot(units: BuiltUnits) -> None:
         assert unit.notes == []
 
 
+def test_a_transition_may_take_as_long_as_one_under_way(units: BuiltUnits) -> None:
+    """While one takes 4000 s from end to end, the middle is in reach only as slowly; 0.1 s and many times are tried."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(y_target=TARGET, transition_time=4000.0).advance(200.0, y_target=-TARGET)
+        unit.advance(200.0).advance(200.0).advance(200.0).advance(200.0).advance(200.0)
+        u = trace(unit, 40, 100.0, y_target={0: 0 * TARGET}, transition_time={0: 0.1})[:, :4]  # type: ignore[dict-item]
+        assert unit.take("target_refused", "moving").tolist() == [0.0, 0.0]
+        assert 500.0 < unit.take("planned_time")[0] < 4000.0
+        assert 950.0 < np.abs(u).max() <= 1001.0
+        np.testing.assert_allclose(unit.take("y_ref"), 0.0, atol=1e-9)
+
+
 def test_target_out_of_reach_is_held_with_one_warning(units: BuiltUnits) -> None:
     with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin()
@@ -365,8 +377,6 @@ def test_parameters_can_be_tuned_between_transitions(units: BuiltUnits) -> None:
 
 def test_planned_voltages_are_those_put_out(units: BuiltUnits) -> None:
     """The planner's table against the series that the unit evaluates, along a superposed motion."""
-    from flexbeams.controller.planner import InputShapes
-
     arrays = design_of().arrays
     with loaded(units("FlatnessFeedforward")) as unit:
         u = trace(unit.begin(), 2000, 1e-3, y_target={0: TARGET, 300: -0.2 * TARGET})[:, :4]
@@ -381,3 +391,16 @@ def test_planned_voltages_are_those_put_out(units: BuiltUnits) -> None:
         InputShapes(times=arrays["shape_times"], values=arrays["shape_values"]), 1e-3 * np.arange(1, 2001)
     )
     assert np.abs(planned - u).max() < 1e-3 * np.abs(u).max()
+
+
+def test_the_planned_peak_is_the_voltage_at_the_start_where_that_is_the_largest(units: BuiltUnits) -> None:
+    """A motion from 817 V to rest goes on to the other side: by the planner's table at the tick of the new plan."""
+    arrays = design_of().arrays
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(y_target=TARGET).advance(0.4, y_target=0 * TARGET).advance(0.05, y_target=-0.3 * TARGET)
+        [peak] = unit.take("planned_peak")
+    u = voltages_of(TARGET)
+    motion = PendingTransitions(offset=u, starts=np.zeros(1), durations=np.full(1, 0.9), changes=-u[None])
+    shapes = InputShapes(times=arrays["shape_times"], values=arrays["shape_values"])
+    at_start = motion.voltage(shapes, np.array([0.4 + PLANNING]))
+    assert peak == pytest.approx(np.abs(at_start).max(), rel=1e-9)

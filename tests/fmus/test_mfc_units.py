@@ -31,8 +31,12 @@ def wanted(seed: int, steps: int) -> Real:
 
 @pytest.mark.parametrize("sequential", [False, True], ids=["jacobi", "gauss-seidel"])
 def test_one_after_the_other_they_are_the_identity(units: BuiltUnits, sequential: bool) -> None:
-    """From the state after a common history; one step of delay more where all read before all step."""
+    """From the state after a common history; one step of delay more where all read before all step.
+
+    A dead zone of the second patch begins at zero.
+    """
     history = {"history[1,1]": 900.0, "history[1,2]": -500.0, "history[1,4]": 300.0, "history[3,4]": -250.0}
+    history |= {"dead_zone_threshold[2,2]": 0.0}
     targets = wanted(1, 250)
     with pair(units) as (compensator, actuator):
         compensator.begin(**history)
@@ -77,6 +81,33 @@ def test_an_actuator_limits_what_is_commanded(units: BuiltUnits) -> None:
         actuator.advance(STEP, u=0.0)
         assert actuator.take("saturated")[0] == 0
         assert actuator.get("saturated_steps") == 1
+
+
+@pytest.mark.parametrize("unit", ["MfcActuator", "MfcCompensator"])
+def test_parameters_at_their_limits_are_taken(units: BuiltUnits, unit: str) -> None:
+    """Equal thresholds are one with both weights; a history may end at the amplifier's limit, on either side."""
+    output = {"MfcActuator": "u_eff", "MfcCompensator": "u"}[unit]
+    with loaded(units(unit)) as one, loaded(units(unit), "other") as other:
+        one.begin(**{"history[1,4]": 1000.0, "history[2,4]": -1000.0})
+        np.testing.assert_array_equal(
+            one.take({"MfcActuator": "voltage", "MfcCompensator": "u"}[unit])[:2], [1e3, -1e3]
+        )
+        one.call("reset")
+        common = {"history[1,3]": 700.0, "history[1,4]": -300.0, "dead_zone_threshold[1,1]": 500.0}
+        one.begin(**common, **{"play_threshold[1,3]": 100.0, "dead_zone_threshold[1,2]": 500.0})
+        weights = {f"play_weight[1,{k}]": one.take(f"play_weight[1,{k}]")[0] for k in (2, 3)}
+        slopes = one.take("dead_zone_slope[1,1]", "dead_zone_slope[1,2]")
+        shared = {
+            "play_weight[1,2]": sum(weights.values()),
+            "play_weight[1,3]": 0.0,
+            "dead_zone_slope[1,1]": slopes.sum(),
+        }
+        other.begin(**common, **shared, **{"dead_zone_slope[1,2]": 0.0, "dead_zone_threshold[1,2]": 600.0})
+        for u in (800.0, -200.0, 650.0):
+            found = [
+                each.advance(STEP, **{"u" if output == "u_eff" else "u_eff": u}).take(output) for each in (one, other)
+            ]
+            np.testing.assert_allclose(*found, rtol=1e-12)
 
 
 @pytest.mark.parametrize("amplifier", [{}, {"lag": 1e-3}, {"slew_rate": 1e5}, {"lag": 2e-3, "slew_rate": 3e5}])

@@ -133,6 +133,14 @@ MISUSES: list[tuple[str, str, str, tuple[Any, ...], str]] = [
     (C, "stepping", "setReal", (["integral_gain"], [1.5]), "integral_gain must be <= 0.0012, got 1.5"),
     (F, "stepping", "setReal", (["transition_time"], [1e-4]), "transition_time must be >= 0.001, got 0.0001"),
     (P, "stepping", "setReal", (["u[2]"], [float("nan")]), "u[2] must be finite, got nan"),
+    (P, "stepping", "setReal", (["u[3]", "u[2]"], [5.0, float("nan")]), "u[2] must be finite, got nan"),
+    (
+        C,
+        "initialising",
+        "setReal",
+        (["u_ff[1]", "integral_gain"], [5.0, 1.5]),
+        "integral_gain must be <= 0.0012, got 1.5",
+    ),
     (P, "initialising", "setReal", (["force[3]"], [float("-inf")]), "force[3] must be finite, got -inf"),
     (P, "stepping", "doStep", (0.0, 0.0), "communicationStepSize must be finite and > 0, got 0.0"),
     (P, "stepping", "doStep", (0.0, -0.1), "communicationStepSize must be finite and > 0, got -0.1"),
@@ -233,6 +241,28 @@ def test_after_an_impossible_parameter_the_unit_is_as_new() -> None:
         assert [after_a_step(one)] == expected
 
 
+def test_as_many_references_as_variables_are_taken() -> None:
+    """In any order and more than once; one more is refused."""
+    with instance("TrackingController") as one:
+        one.to("stepping")
+        one.fmu.setReal([one.references["u_ff[2]"]], [7.0])
+        pairs = [one.references["u_ff[2]"], one.references["u_ff[1]"]] * len(one.references)
+        most = pairs[: len(one.references)]
+        assert one.fmu.getReal(most) == [7.0 * (k % 2 == 0) for k in range(len(most))]
+        assert one.call("setReal", most, [3.0] * len(most)) == OK
+        assert one.call("getReal", pairs[: len(most) + 1]) == ERROR
+        assert one.lines[0][3].endswith(f"nvr must be <= {len(most)}, the number of variables, got {len(most) + 1}")
+
+
+def test_a_step_with_a_warning_is_a_warning_and_the_next_is_not() -> None:
+    with instance("FlatnessFeedforward") as one:
+        one.to("stepping")
+        one.fmu.setReal([one.references[f"y_target[{k}]"] for k in range(1, 5)], [0.3] * 4)
+        statuses = [one.fmu.fmi2DoStep(one.fmu.component, k * SAMPLE, SAMPLE, 0) for k in range(3)]
+        assert statuses == [WARNING, OK, OK]
+        assert [line[1] for line in one.lines] == [WARNING]
+
+
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_a_wrong_guid_gives_no_instance(unit: str) -> None:
     with pytest.raises(Exception, match="Failed to instantiate"):
@@ -321,6 +351,9 @@ def test_saved_states_continue_bit_for_bit(unit: str) -> None:
         assert rest(one.restore(saved)) == first
         assert rest(other.restore(saved)) == first
         assert other.restore(saved).saved() == saved
+        one.call("terminate")
+        ended = one.saved()  # before anything is read
+        np.testing.assert_array_equal(other.restore(ended).everything(), one.everything())
 
 
 def test_states_of_parameters_set_before_initialisation() -> None:

@@ -275,6 +275,23 @@ def test_input_derivatives_hold_for_one_step() -> None:
         assert (plant.take("u") == [100.0, 0.0, 0.0, 0.0]).all()
 
 
+def test_inputs_without_a_derivative_of_this_step_do_not_grow() -> None:
+    """Whatever derivatives a step before had, or one that a reset has taken back."""
+    with loaded(native_folder("BeamPlant")) as plant, loaded(native_folder("BeamPlant")) as other:
+        for unit in (plant.begin(), other.begin()):
+            slopes(unit, "u", SLOPE)
+            unit.advance(1e-3)
+            slopes(unit, "force", [0.0, 2.0, -3.0])
+        slopes(other, "u", 0 * SLOPE)
+        np.testing.assert_array_equal(plant.advance(1e-3).everything(), other.advance(1e-3).everything())
+        slopes(plant, "u", SLOPE)
+        for unit in (plant, other):
+            unit.call("reset")
+            slopes(unit.begin(), "force", [0.0, 2.0, -3.0])
+        slopes(other, "u", 0 * SLOPE)
+        np.testing.assert_array_equal(plant.advance(1e-3).everything(), other.advance(1e-3).everything())
+
+
 def test_steps_that_differ_by_the_rounding_of_the_clock() -> None:
     """A host that subtracts times asks for steps that differ in the last digits; they are one step."""
     ends = []

@@ -9,7 +9,7 @@ import pytest
 from flexbeams.controller.planner import PLANNING_TICKS
 from flexbeams.fmus.python.snapshot import pack_state, unpack_state
 from flexbeams.scenarios.simulation.failure import UnitFailure
-from tests.helpers import BuiltUnits, Workshop
+from tests.helpers import UNITS, BuiltUnits, Workshop
 from tests.native.workshop import native_folder, needs_zig
 from tests.units.loaded import loaded
 
@@ -83,6 +83,14 @@ def test_forging_itself_is_no_reason_to_refuse(workshop: Workshop) -> None:
             one.restore(forged(state, "TrackingController", part, index, value, kind)).advance(SAMPLE)
 
 
+def forged_doubles(state: bytes, at: int, *values: float) -> bytes:
+    """A saved native state with other doubles from a byte on and a checksum that fits."""
+    changed = bytearray(state)
+    struct.pack_into(f"<{len(values)}d", changed, at, *values)
+    struct.pack_into("<I", changed, 12, zlib.crc32(bytes(changed[16:])))
+    return bytes(changed)
+
+
 # Doubles from the end of a native state of the controller of kiel, after one tick
 SATURATED, HIGHEST, LOWEST, REJECTED = -1, -5, -9, -15
 
@@ -105,14 +113,59 @@ def test_native_counts_and_limits_are_possible_ones(place: int, value: float) ->
     with loaded(native_folder("TrackingController")) as one:
         one.begin().advance(SAMPLE)
         good = one.saved()
-        state = bytearray(good)
-        before = struct.unpack_from("<d", state, len(state) + 8 * place)[0]
+        before = struct.unpack_from("<d", good, len(good) + 8 * place)[0]
         assert before == {SATURATED: 0.0, HIGHEST: 1000.0, LOWEST: -1000.0, REJECTED: 0.0}[place]
-        struct.pack_into("<d", state, len(state) + 8 * place, value)
-        struct.pack_into("<I", state, 12, zlib.crc32(bytes(state[16:])))
         with pytest.raises(UnitFailure, match=RULE):
-            one.restore(bytes(state))
+            one.restore(forged_doubles(good, len(good) + 8 * place, value))
         one.restore(good).advance(SAMPLE)
+
+
+# Doubles of the native state of the feedforward of kiel; from START and DURATION on eight each, then the changes
+NATIVE_COUNT, NATIVE_TICK, NATIVE_DUE, START, DURATION = 0, 1, 2, 11, 19
+
+
+@needs_zig
+@pytest.mark.parametrize(
+    ("place", "value", "valid"),
+    [
+        (NATIVE_COUNT, 8.0, True),
+        (NATIVE_COUNT, 9.0, False),
+        (NATIVE_COUNT, 0.5, False),
+        (NATIVE_COUNT, -1.0, False),
+        (NATIVE_TICK, 3.0, True),
+        (NATIVE_TICK, 4.0, False),
+        (NATIVE_TICK, 1.5, False),
+        (NATIVE_TICK, -2.0, False),
+        (NATIVE_DUE, -2.0, False),
+        (NATIVE_DUE, 0.0, False),
+        (NATIVE_DUE, 1.0 + PLANNING_TICKS, True),
+        (NATIVE_DUE, 2.0 + PLANNING_TICKS, False),
+        (DURATION, 1e11, True),
+        (DURATION, 1e12, False),
+        (DURATION, 0.0, False),
+        (DURATION + 7, -1.0, True),  # of no transition
+        (START, np.inf, False),
+    ],
+)
+def test_native_motions_are_possible_ones(place: int, value: float, valid: bool) -> None:
+    """One transition is under way; the starts and durations behind it are those of seven others, and of an eighth."""
+    with loaded(native_folder("FlatnessFeedforward")) as one:
+        one.begin().put("y_target", 1e-4 * np.array([-8.0, 1.0, 4.0, -6.0]))
+        good = one.advance(SAMPLE).saved()
+        expected = one.advance(SAMPLE).everything()
+        state = 384 + 16 * len(one.variables)
+        assert struct.unpack_from("<3d", good, state) == (1.0, 1.0, -1.0)
+        assert struct.unpack_from("<9d", good, state + 8 * START) == (*[0.0] * 8, 0.9)
+        filled = forged_doubles(good, state + 8 * (DURATION + 1), *[1.0] * 7)
+        if place == NATIVE_COUNT:
+            filled = forged_doubles(filled, state + 8 * (DURATION + 8), 1.0)  # what a ninth would take for its own
+        changed = forged_doubles(filled, state + 8 * place, value)
+        if valid:
+            one.restore(changed).advance(SAMPLE)
+        else:
+            with pytest.raises(UnitFailure, match=RULE):
+                one.restore(changed)
+        np.testing.assert_array_equal(one.restore(good).advance(SAMPLE).everything(), expected)
 
 
 def test_a_getter_that_cannot_be_computed_leaves_the_instance_going(units: BuiltUnits) -> None:
@@ -128,9 +181,29 @@ def test_a_getter_that_cannot_be_computed_leaves_the_instance_going(units: Built
         assert one.take("u_ff").any()
         one.call("exitInitializationMode")
         expected = one.advance(SAMPLE).everything()
+        with pytest.raises(UnitFailure, match="currentCommunicationPoint"):
+            one.step(one.now + 1.0, SAMPLE)
+        with pytest.raises(UnitFailure, match="fmi2DoStep is refused until fmi2Reset"):
+            one.advance(SAMPLE)
     with loaded(units("FlatnessFeedforward")) as fresh:
         fresh.begin(voltage_limit=800.0, y_target=target * np.array([3.2, -0.4, -1.6, 2.4]))
         assert fresh.advance(SAMPLE).everything().tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_state_of_a_failed_instance_has_failed(units: BuiltUnits, unit: str) -> None:
+    """Wherever it goes on, until a reset; one from before the failure goes on."""
+    with loaded(units(unit)) as one, loaded(units(unit)) as other:
+        good = one.begin().saved()
+        with pytest.raises(UnitFailure, match="currentCommunicationPoint"):
+            one.step(5.0, SAMPLE)
+        other.begin().restore(one.saved())
+        rule = "fmi2DoStep is refused until fmi2Reset, the instance failed: currentCommunicationPoint must be 0"
+        with pytest.raises(UnitFailure, match=rule):
+            other.advance(SAMPLE)
+        expected = other.restore(good).advance(SAMPLE).everything()
+        other.call("reset")
+        np.testing.assert_array_equal(other.begin().advance(SAMPLE).everything(), expected)
 
 
 def test_an_initialisation_that_cannot_be_computed_ends_the_instance_until_a_reset(units: BuiltUnits) -> None:

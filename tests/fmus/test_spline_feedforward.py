@@ -116,6 +116,19 @@ def test_limits_hold_and_voltages_are_smooth(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+def test_a_preview_may_become_shorter(backend: str) -> None:
+    """Within a transition: the outputs go back to those of an earlier time."""
+    with loaded(unit(backend)) as ahead, loaded(unit(backend), "other") as plain:
+        for one, preview in ((ahead, 0.2), (plain, 0.0)):
+            one.begin(preview=preview, transition_time=0.5).advance(0.1, y_target=TARGET).advance(0.1)
+        assert np.abs(ahead.take("u_ff") - plain.take("u_ff")).max() > 1.0
+        ahead.put("preview", 0.0)
+        for one in (ahead, plain):
+            one.advance(SAMPLE)
+        np.testing.assert_array_equal(ahead.take(*OUTPUTS), plain.take(*OUTPUTS))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_limits_of_a_pair(backend: str) -> None:
     """One pair's lowest voltage stretches a transition; narrowed below rest, it refuses the target."""
     u = design().arrays["static_inverse"] @ TARGET
