@@ -160,3 +160,23 @@ def test_saved_states_go_on_bit_for_bit(backend: str) -> None:
             np.testing.assert_array_equal(
                 motion(feedforward.restore(saved), 300, SAMPLE, goals(8)[5:6], every=300), later
             )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_search_goes_on_from_any_tick(backend: str) -> None:
+    """Its plan is the same in an instance whose last search was another one; most are done after a few ticks."""
+    states = []
+    with loaded(unit(backend)) as one, loaded(unit(backend), "other") as other:
+        one.begin(transition_time=0.3, voltage_limit=950.0, y_target=goals(5)[0]).advance(0.01)
+        for goal in goals(5)[1:]:
+            one.put("y_target", goal)
+            searching = [one.advance(SAMPLE).saved() for _ in range(10)]
+            expected = one.advance(PLANNING_TICKS * SAMPLE).take(*OUTPUTS)
+            states.append([(state, expected) for state in searching])
+        assert any("stretched" in note for note in one.notes)
+        for k, searches in enumerate(zip(*states, strict=True)):
+            for state, expected in searches:
+                other.restore(state)
+                for _ in range(9 - k):
+                    other.advance(SAMPLE)
+                np.testing.assert_array_equal(other.advance(PLANNING_TICKS * SAMPLE).take(*OUTPUTS), expected)
