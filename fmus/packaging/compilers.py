@@ -14,6 +14,9 @@ from flexbeams.fmus.errors import BuildError
 
 FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion")
 
+# Without it compilers make two instructions of a vector of 512 bits
+PROCESSOR_FLAGS = {"x86-64-v4": ("-mprefer-vector-width=512",)}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Platform:
@@ -106,6 +109,7 @@ class Compiler:
         target: tuple[str, ...] = (f"-march={model}",) if model else ()
         if self.is_zig:
             target = ("-target", platform.target, f"-mcpu={model or 'baseline'}")
+        target += PROCESSOR_FLAGS.get(processor, ())
         command = [
             *self.command,
             *target,

@@ -1,12 +1,12 @@
 """Many plants under one controller, side by side: the loop in C (native/batch.c) for samples that differ in the plant.
 
-The library is compiled twice, for any processor and for those with the instructions of x86-64-v3; both give the same
-bits. The quicker one that this machine can run is taken.
+The library is compiled for any processor and for those with the instructions of x86-64-v3 and x86-64-v4; all give the
+same bits. The quickest one that this machine can run is taken.
 """
 
 import ctypes
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,8 +23,18 @@ from flexbeams.plant.errors import FlexbeamsError
 from flexbeams.plant.temporary import temporary_folder
 
 _NATIVE = Path(__file__).parent / "native"
-_SOURCES = (
-    *(_NATIVE / name for name in ("batch.c", "batch_kernel.c")),
+SOURCES = (
+    *(
+        _NATIVE / name
+        for name in (
+            "batch.c",
+            "batch_kernel.c",
+            "batch_plant.c",
+            "batch_controller.c",
+            "batch_measures.c",
+            "processor_level.c",
+        )
+    ),
     *(
         UNITS / "numerics" / f"{name}.c"
         for name in (
@@ -39,8 +49,9 @@ _SOURCES = (
     ),
     *(UNITS / "units" / f"{name}.c" for name in ("plant_matrices", "unit", "format_line", "windup")),
 )
-_INCLUDES = (_NATIVE, UNITS, UNITS / "numerics", UNITS / "units")
-VARIANTS = {"baseline": "", "v3": "x86-64-v3"}  # processor that each is compiled for; the first one runs anywhere
+INCLUDES = (_NATIVE, UNITS, UNITS / "numerics", UNITS / "units")
+BASELINE = "baseline"  # the variant that runs anywhere
+LEVELS = {"v3": 3, "v4": 4}  # of the other variants: the level of x86-64 that they need
 FIGURES = 6  # of a measured element, see batch.h
 SMALLEST, LARGEST, FIRST, LAST, CHANGE, OUT = range(FIGURES)
 _POINTER, _INTEGER, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -188,12 +199,12 @@ class Batch:
 
 
 def _loaded(libraries: Mapping[str, Path]) -> Any:
-    """The library of the last variant that this machine can run."""
-    first, *others = (ctypes.CDLL(str(libraries["baseline"])), *(n for n in libraries if n != "baseline"))
-    first.batch_has_v3.restype = ctypes.c_int
-    library: Any = first
-    if others and first.batch_has_v3():
-        library = ctypes.CDLL(str(libraries[others[-1]]))
+    """The library of the highest level that this machine can run."""
+    library: Any = ctypes.CDLL(str(libraries[BASELINE]))
+    library.processor_level.restype = ctypes.c_int
+    level = library.processor_level()
+    if usable := [name for name in LEVELS if name in libraries and LEVELS[name] <= level]:
+        library = ctypes.CDLL(str(libraries[max(usable, key=LEVELS.__getitem__)]))
     library.batch_open.restype = ctypes.c_void_p
     library.batch_close.argtypes = (ctypes.c_void_p,)
     library.batch_close.restype = None
@@ -208,21 +219,17 @@ def batch_libraries(folder: Path, compiler: str) -> dict[str, Path]:
     Raises BuildError, and InputError for a cache that cannot be trusted.
     """
     platform = host_platform()
-    headers = sorted({header for place in _INCLUDES for header in place.glob("*.h")})
-    content = b"".join(file.read_bytes() for file in (*_SOURCES, *headers)) + toolchain_key(compiler).encode()
+    headers = sorted({header for place in INCLUDES for header in place.glob("*.h")})
+    content = b"".join(file.read_bytes() for file in (*SOURCES, *headers)) + toolchain_key(compiler).encode()
     found = {}
     prepare_cache(folder)
-    for name in _variants(platform.name):
-        digest = hashlib.sha256(content + VARIANTS[name].encode()).hexdigest()[:16]
+    for name in (BASELINE, *(LEVELS if platform.name.startswith("x86_64") else ())):
+        processor = f"x86-64-{name}" if name in LEVELS else ""
+        digest = hashlib.sha256(content + processor.encode()).hexdigest()[:16]
         library = found[name] = folder / f"batch-{name}-{digest}{platform.suffix}"
         if not is_sound(library, folder):
             with temporary_folder() as temporary:
                 built = temporary / f"batch{platform.suffix}"
-                tool = find_compiler(compiler)
-                tool.build(built, _SOURCES, _INCLUDES, platform, processor=VARIANTS[name])
+                find_compiler(compiler).build(built, SOURCES, INCLUDES, platform, processor=processor)
                 keep(library, built.read_bytes(), folder)
     return found
-
-
-def _variants(platform: str) -> Sequence[str]:
-    return list(VARIANTS) if platform.startswith("x86_64") else ["baseline"]

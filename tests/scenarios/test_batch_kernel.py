@@ -1,5 +1,6 @@
 """The batch kernel against the FMI units, sample by sample: noise, saturation, forces, each measure that it covers."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.study_file import load_study
 from flexbeams.scenarios.results.checks import Measurement
 from flexbeams.scenarios.runs.repeated import RepeatedRun, lean
 from flexbeams.scenarios.runs.scenario import unit_files
-from flexbeams.scenarios.simulation.batch_kernel import Batch, batch_libraries
+from flexbeams.scenarios.simulation.batch_kernel import INCLUDES, SOURCES, Batch, batch_libraries
 from flexbeams.scenarios.simulation.native_stepper import stepper_library
 from flexbeams.scenarios.studies.batch import COVERED, BatchPlan, batch_plan
 from flexbeams.scenarios.studies.planning import StudyPlan, plan_study
@@ -147,15 +149,26 @@ def test_measures_are_those_of_the_units(
     assert np.max(np.abs(measures - units) / np.where(scale > 0, scale, 1.0)) < 1e-9
 
 
-def test_bits_do_not_depend_on_neighbours_and_instructions(plan_of: Callable[..., StudyPlan]) -> None:
+def test_bits_do_not_depend_on_neighbours_and_instructions(plan_of: Callable[..., StudyPlan], tmp_path: Path) -> None:
+    """All variants that this machine can run, plain doubles in place of vectors, and gcc where there is one."""
     plan = plan_of(THREE_BEAMS, PARAMETERS + NOISE)
     batch, libraries = batched(plan)
     values = batch.values(plan.samples.values)
-    with Batch(batch.task, libraries) as best, Batch(batch.task, {"baseline": libraries["baseline"]}) as plain:
+    with Batch(batch.task, libraries) as best:
         whole = best.run(values)[0]
-        assert np.array_equal(plain.run(values)[0], whole)
         assert np.array_equal(best.run(values[::-1])[0][::-1], whole)
         assert np.array_equal(np.concatenate([best.run(row[None])[0] for row in values]), whole)
+    others = [
+        {name: file for name, file in libraries.items() if name in names} for names in ("baseline", "baseline v3")
+    ]
+    for compiler, definitions in (("zig", ["FLEXBEAMS_PLAIN_LANES"]), ("gcc", [])):
+        if compiler == "zig" or shutil.which(compiler):
+            built = tmp_path / f"{compiler}.so"
+            find_compiler(compiler).build(built, SOURCES, INCLUDES, host_platform(), definitions)
+            others.append({"baseline": built})
+    for other in others:
+        with Batch(batch.task, other) as loop:
+            assert np.array_equal(loop.run(values)[0], whole)
 
 
 def test_a_sample_outside_leaves_its_neighbours_alone(plan_of: Callable[..., StudyPlan]) -> None:

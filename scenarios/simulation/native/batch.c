@@ -12,10 +12,11 @@
 #define LARGEST_CONDITION 100.0 /* of an eigenvalue, as in linear_system.c */
 
 /* Memory of zeros, aligned for lanes; `raw` is to be freed. */
-static Lanes *lanes_memory(size_t count, void **raw)
+static double *lanes_memory(size_t count, void **raw)
 {
-    *raw = calloc(count + 1, sizeof(Lanes));
-    return *raw == NULL ? NULL : (Lanes *)((char *)*raw + (sizeof(Lanes) - (uintptr_t)*raw % sizeof(Lanes)));
+    const size_t alignment = sizeof(PairLanes);
+    *raw = calloc(count * sizeof(double) + alignment, 1);
+    return *raw == NULL ? NULL : (double *)((char *)*raw + (alignment - (uintptr_t)*raw % alignment));
 }
 
 /* The plant's tables in the form that plant_matrices.c takes; no stations. */
@@ -86,13 +87,12 @@ static bool open_memory(Batch *batch)
                                   even * (even + s->filter_inputs + 2 * s->voltages) + 2 * (even + MODAL_BLOCK);
     const size_t scratch = plant_scratch > filter_scratch ? plant_scratch : filter_scratch;
     const size_t lanes = lanes_size(s, (size_t)batch->task->measure_count);
-    batch->filter = calloc(s->filter_pairs * (2 + 2 * s->filter_inputs + 2 * s->law_rows) + s->voltages * s->voltages,
-                           sizeof *batch->filter);
+    batch->filter = calloc(s->filter_pairs * filter_stride(s) + s->voltages * s->voltages, sizeof *batch->filter);
     batch->windup = calloc((5 + s->voltages) * s->voltages, sizeof *batch->windup);
     batch->start = calloc(even, sizeof *batch->start);
     batch->references = calloc(((size_t)batch->task->steps + 1) * 2 * s->voltages, sizeof *batch->references);
     batch->scratch = calloc(scratch, sizeof *batch->scratch);
-    Lanes *const memory = lanes_memory(lanes, &batch->raw_lanes);
+    double *const memory = lanes_memory(lanes, &batch->raw_lanes);
     if (memory != NULL)
         place_lanes(batch, memory);
     return batch->filter != NULL && batch->references != NULL && batch->start != NULL && batch->windup != NULL &&
@@ -117,6 +117,22 @@ static void start_filter(Batch *batch, const Modal *modal, double *scratch)
         batch->start[2 * p] = z[slot_of_pair(p)];
         batch->start[2 * p + 1] = z[slot_of_pair(p) + MODAL_LANES];
     }
+}
+
+/* One member of a pair of the filter: growth by itself and by the other coordinate, inputs, law. The other member's
+   numbers are between. */
+static void write_filter_member(const Batch *batch, const Modal *modal, size_t pair, size_t member, double *to)
+{
+    const LoopSizes *const s = &batch->sizes;
+    const size_t slot = slot_of_pair(pair) + member * MODAL_LANES;
+    const double imaginary = modal->imaginary[slot_of_pair(pair)];
+    to[0] = modal->real[slot];
+    to[2] = member == 0 ? imaginary : -imaginary;
+    for (size_t j = 0; j < s->filter_inputs; j++)
+        to[filter_input(j)] =
+            modal->held_inputs[(slot / MODAL_BLOCK * s->filter_inputs + j) * MODAL_BLOCK + slot % MODAL_BLOCK];
+    for (size_t i = 0; i < 2 * s->voltages; i++)
+        to[filter_law(s, i)] = modal->output_rows[i * modal->slots + slot];
 }
 
 /* The filter in modal form, and the law on its coordinates: a pair of coordinates after the other, each with its
@@ -146,25 +162,13 @@ static bool open_filter(Batch *batch)
     if (!(modal_build(&modal, A, B, C, scratch) <= LARGEST_CONDITION))
         return false;
     double *out = batch->filter;
-    for (size_t p = 0; p < s->filter_pairs; p++) {
-        const size_t slot = slot_of_pair(p);
-        const bool is_complex = p < (size_t)modal.facts[0];
-        *out++ = modal.real[slot];
-        *out++ = is_complex ? modal.imaginary[slot] : modal.real[slot + MODAL_LANES];
-        for (size_t j = 0; j < s->filter_inputs; j++) {
-            const double *const column = modal.held_inputs + (slot / MODAL_BLOCK * s->filter_inputs + j) * MODAL_BLOCK;
-            *out++ = column[slot % MODAL_BLOCK];
-            *out++ = column[slot % MODAL_BLOCK + MODAL_LANES];
-        }
+    for (size_t p = 0; p < s->filter_pairs; p++, out += filter_stride(s))
         for (size_t member = 0; member < 2; member++)
-            for (size_t i = 0; i < s->law_rows; i++)
-                *out++ = i < rows ? modal.output_rows[i * modal.slots + slot + member * MODAL_LANES] : 0.0;
-    }
+            write_filter_member(batch, &modal, p, member, out + member);
     for (size_t i = 0; i < s->voltages; i++) /* G_0^+ D_pi */
         memcpy(out + i * s->voltages, c->regulator + (s->voltages + i) * (states + s->voltages) + states,
                s->voltages * sizeof *out);
     start_filter(batch, &modal, scratch);
-    batch->complex_filter_pairs = (size_t)modal.facts[0];
     batch->direct = out;
     return true;
 }
@@ -234,7 +238,7 @@ static void ignore_line(UnitInstance *unit, Severity severity, const char *line)
 
 /* One lane of the plant: its modal form for the values of a sample, and its state at rest; false where there is no such
    form. */
-static bool set_lane(Batch *batch, size_t lane, double *values)
+static bool set_plant(Batch *batch, size_t lane, double *values)
 {
     const BatchTask *const task = batch->task;
     const LoopSizes *const s = &batch->sizes;
@@ -255,17 +259,7 @@ static bool set_lane(Batch *batch, size_t lane, double *values)
         !modal_prepare(&modal, task->step))
         return false;
     modal_coordinates(&modal, patches, matrices.rest, rest, scratch);
-    set_plant_lane(batch, lane, &modal);
-    const double *const start = values + task->plant.start_at_rest_under;
-    Lanes *const z = batch->at.z;
-    for (size_t p = 0; p < s->plant_pairs; p++)
-        for (size_t member = 0; member < 2; member++) {
-            const size_t slot = slot_of_pair(p) + member * MODAL_LANES;
-            double sum = 0.0;
-            for (size_t j = 0; j < patches; j++)
-                sum += rest[slot * patches + j] * start[j];
-            ((double *)&z[2 * p + member])[lane] = sum;
-        }
+    set_plant_lane(batch, lane, &modal, rest, values + task->plant.start_at_rest_under);
     return true;
 }
 
@@ -283,7 +277,7 @@ void batch_run(Batch *batch, size_t count, const double *values, double *figures
             if (own == NULL)
                 continue;
             memcpy(own + lane * width, values + sample * width, width * sizeof *own);
-            group[lane] = set_lane(batch, lane, own + lane * width) ? BATCH_OK : BATCH_OUTSIDE;
+            group[lane] = set_plant(batch, lane, own + lane * width) ? BATCH_OK : BATCH_OUTSIDE;
             if (group[lane] != BATCH_OK)
                 clear_plant_lane(batch, lane);
         }
@@ -299,26 +293,3 @@ void batch_run(Batch *batch, size_t count, const double *values, double *figures
     }
     free(own);
 }
-
-#if defined(__x86_64__) && defined(__GNUC__)
-#include <cpuid.h>
-
-int batch_has_v3(void)
-{
-    unsigned a, b, c, d;
-    const unsigned first = bit_FMA | bit_MOVBE | bit_OSXSAVE | bit_AVX | bit_F16C;
-    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & first) != first)
-        return 0;
-    unsigned low, high;
-    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* does the system save the wide registers? */
-    if ((low & 6) != 6 || !__get_cpuid(0x80000001, &a, &b, &c, &d) || (c & bit_LZCNT) == 0)
-        return 0;
-    const unsigned second = bit_BMI | bit_AVX2 | bit_BMI2;
-    return __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & second) == second;
-}
-#else
-int batch_has_v3(void)
-{
-    return 0;
-}
-#endif

@@ -77,7 +77,5 @@ EXPORTED void batch_close(Batch *batch);
 /* Runs `count` samples, values (count, value_count) of the plant's variables by value reference; figures (count,
    measure_count, 6), of a sample outside what this loop covers all 0; outcomes (count,). */
 EXPORTED void batch_run(Batch *batch, size_t count, const double *values, double *figures, int32_t *outcomes);
-/* Does this machine have the instructions of x86-64-v3? */
-EXPORTED int batch_has_v3(void);
 
 #endif
