@@ -171,7 +171,7 @@ class CoSimulation:
             self._instances[ended].read()
         for name in names[names.index(ended) + 1 :]:
             if not jacobi:
-                self._python_stepper.exchange(name)
+                self._python_stepper.exchange(name, bus.start_time + number * bus.step)
             with suppress(UnitEnded):
                 self._instances[name].step(bus.start_time + number * bus.step, bus.step)
             if not jacobi:

@@ -2,6 +2,7 @@
 
 import ctypes
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -85,6 +86,8 @@ class UnitInstance:
         # Units by pythonfmu cannot return fmi2Error: an error that they log is a failure
         self._fails_by_log = description.coSimulation.needsExecutionTool
         self.last_error = ""
+        self.calls: Callable[[], int] = lambda: 0  # number of the present call, where a loop in C makes them
+        self._call_of_error = 0
         self._callbacks = fmi2CallbackFunctions()
         self._logger = Logger(library, self._receive) if library else None
         if self._logger and self._logger.address is not None:
@@ -128,7 +131,7 @@ class UnitInstance:
             del lines[0]  # pythonfmu's wrapper puts this line before the unit's own text
         text = " ".join(lines)
         if status > _WARNING:
-            self.last_error = text
+            self.last_error, self._call_of_error = text, self.calls()
         if text and not (status > _WARNING and self._fails_by_log):
             self._messages.add(text, warning=status <= _WARNING)
 
@@ -144,23 +147,23 @@ class UnitInstance:
         return result
 
     def failure(self, function: str, reason: str = "") -> UnitFailure:
-        """The failure of a call, for the reason that the unit logged, or else for this one."""
+        """The failure of the last call, for the reason that the unit logged in it, or else for this one."""
+        if self._call_of_error != self.calls():
+            self.last_error = ""
         self._messages.forget(self.last_error)
         return UnitFailure(self.name, self.time, function, self.last_error or reason)
 
     def end(self, step: float) -> UnitEnded | None:
         """The end of the run that the unit wants, where it discarded a step of `step` s from `self.time` for that."""
-        try:
-            if not self._fmu.getBooleanStatus(_TERMINATED):
-                return None
-        except FMICallException:
-            return None
-        try:
-            completed = abs(self._fmu.getRealStatus(_LAST_SUCCESSFUL_TIME) - self.time - step) < 1e-6 * step
-        except FMICallException:
-            completed = False
-        self.last_error = ""
-        return UnitEnded(self.name, self.time + step if completed else self.time, completed)
+        logged, completed = self.last_error, False
+        with suppress(FMICallException):
+            if self._fmu.getBooleanStatus(_TERMINATED):
+                with suppress(FMICallException):
+                    completed = abs(self._fmu.getRealStatus(_LAST_SUCCESSFUL_TIME) - self.time - step) < 1e-6 * step
+                self.last_error = ""
+                return UnitEnded(self.name, self.time + step if completed else self.time, completed)
+        self.last_error = logged  # in the step, whatever this call logs
+        return None
 
     def set_values(self, values: Mapping[str, TypedValue]) -> None:
         """Sets variables by name, those of a type in one call."""
@@ -246,7 +249,7 @@ class UnitInstance:
 
     def step(self, time: float, step: float) -> None:
         """One doStep from `time`; UnitEnded where the unit discards it since it wants the run to end."""
-        self.time = time
+        self.time, self.last_error = time, ""
         status = self._functions["fmi2DoStep"](self.component, time, step, 1)
         if status == DISCARD and (end := self.end(step)):
             raise end
@@ -257,6 +260,7 @@ class UnitInstance:
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value
 
     def _call(self, function: str, arguments: tuple[Any, ...]) -> None:
+        self.last_error = ""
         self._require(function, self._functions[function](*arguments))
 
     def _require(self, function: str, status: int) -> None:

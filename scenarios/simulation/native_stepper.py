@@ -68,6 +68,7 @@ class _Run(ctypes.Structure):
         ("n_spans", ctypes.c_size_t),
         ("n_recorded", ctypes.c_size_t),
         ("done", ctypes.c_int64),
+        ("calls", ctypes.c_int64),
         ("failed_unit", ctypes.c_int64),
         ("failed_function", ctypes.c_int),
         ("failed_status", ctypes.c_int),
@@ -127,6 +128,8 @@ class NativeStepper:
             n_spans=len(recorded),
             n_recorded=len(bus.recorded),
         )
+        for instance in self._instances:
+            instance.calls = lambda: self._run.calls
         self._pace = None if pace is None else _Pace(started=0.0, seconds_per_step=pace * bus.step, lateness=None)
         self.lateness = None if pace is None else np.zeros(steps)
 

@@ -89,16 +89,17 @@ class PythonStepper:
         """See Stepper.bound."""
         return lambda first, row, count: self.advance(first, external[row : row + count], every, rows)
 
-    def exchange(self, name: str) -> None:
-        """Sets the inputs of an instance to the present values."""
+    def exchange(self, name: str, time: float) -> None:
+        """Sets the inputs of an instance to the present values, of `time` s."""
         instance = self._instances[name]
+        instance.time = time
         self._bus.signals.take(self._bus.sources[name], out=instance.inputs, mode="clip")
         instance.write()
 
     def _jacobi(self, time: float) -> None:
         """All units read the values of t_k, then all step."""
         for name in self._instances:
-            self.exchange(name)
+            self.exchange(name, time)
         for instance in self._instances.values():
             instance.step(time, self._bus.step)
         for instance in self._instances.values():
@@ -107,6 +108,6 @@ class PythonStepper:
     def _gauss_seidel(self, time: float) -> None:
         """Units step in their order and pass on new values at once."""
         for name, instance in self._instances.items():
-            self.exchange(name)
+            self.exchange(name, time)
             instance.step(time, self._bus.step)
             instance.read()

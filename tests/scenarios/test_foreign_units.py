@@ -1,6 +1,7 @@
 """Third-party units: every value reaches its variable, by type, index and unit of measurement, or is refused."""
 
 import csv
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -304,14 +305,24 @@ def test_a_step_discarded_as_terminated_is_a_regular_end(bench: Bench) -> None:
     assert run.summary["ended"] == "a ended the run at 0.03 s"
 
 
-def test_a_discarded_step_is_a_failure(bench: Bench) -> None:
-    unit = stage("Discarding", 2.0)
-    unit.rules += ["discard 0.025", "error cannot go on"]
-    unit.write(bench.folder / "discarding.fmu")
-    run = bench.run('[instance.a]\nfmu = "discarding.fmu"\n' + drive("a.u", "constant = 1.0"))
+@pytest.mark.parametrize(
+    ("rules", "failure"),
+    [
+        (["error cannot go on", "discard 0.025"], "in fmi2DoStep: cannot go on at 0.03"),
+        (["discard 0.025", "error cannot go on"], "in fmi2DoStep: status 2"),
+        (["error cannot go on", "inverse 1 0"], "in fmi2Set(...|Real): status 3"),
+    ],
+)
+def test_a_failure_quotes_what_its_own_call_has_logged(bench: Bench, rules: list[str], failure: str) -> None:
+    """Errors that calls before have logged, with status OK, are noted with their count."""
+    (bench.folder / "u.csv").write_text("time,u\n0,1\n0.03,-1\n")
+    unit = stage("Failing", 2.0)
+    unit.rules += rules
+    unit.write(bench.folder / "failing.fmu")
+    run = bench.run('[instance.a]\nfmu = "failing.fmu"\n' + drive("a.u", 'table = { file = "u.csv" }'))
     assert not run.recording.complete
-    assert str(run.recording.failure).startswith("a failed at 0.03 s in fmi2DoStep: ")
-    assert bench.notes == ["a: cannot go on at 0 (2 times)"]  # without the one that the failure quotes
+    assert re.fullmatch(f"a failed at 0.03 s {failure}", str(run.recording.failure))
+    assert bench.notes == ["a: cannot go on at 0 (3 times)"]  # without the one that the failure quotes
 
 
 def test_a_unit_for_one_instance_is_instantiated_once(tmp_path: Path, run_folder: Path) -> None:

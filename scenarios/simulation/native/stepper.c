@@ -57,6 +57,13 @@ static int failed(CoupledRun *run, size_t i, int function, int status)
     return 1;
 }
 
+/* Before each call of a unit's function: log lines are assigned to calls by their number. */
+static void *next_call(CoupledRun *run, size_t i)
+{
+    run->calls++;
+    return run->units[i].component;
+}
+
 static void gather(const double *signals, const SignalSpan *spans, size_t n, double *out)
 {
     for (size_t k = 0; k < n; k++) {
@@ -73,7 +80,7 @@ static int write_integers(CoupledRun *run, size_t i, SetIntegers set, const unsi
         return 0;
     for (size_t k = 0; k < n; k++)
         unit->scratch[k] = (int)values[k];
-    return failed(run, i, SET, set(unit->component, references, n, unit->scratch));
+    return failed(run, i, SET, set(next_call(run, i), references, n, unit->scratch));
 }
 
 static int write_inputs(CoupledRun *run, size_t i)
@@ -93,7 +100,7 @@ static int write_inputs(CoupledRun *run, size_t i)
         values = unit->inputs;
     }
     if (written->n_reals > 0 &&
-        failed(run, i, SET, unit->set_real(unit->component, written->reals, written->n_reals, values)))
+        failed(run, i, SET, unit->set_real(next_call(run, i), written->reals, written->n_reals, values)))
         return 1;
     values += written->n_reals;
     return write_integers(run, i, unit->set_integer, written->integers, written->n_integers, values) ||
@@ -107,7 +114,7 @@ static int read_integers(CoupledRun *run, size_t i, GetIntegers get, const unsig
     SteppedUnit *const unit = &run->units[i];
     if (n == 0)
         return 0;
-    if (failed(run, i, GET, get(unit->component, references, n, unit->scratch)))
+    if (failed(run, i, GET, get(next_call(run, i), references, n, unit->scratch)))
         return 1;
     for (size_t k = 0; k < n; k++)
         out[k] = unit->scratch[k];
@@ -119,7 +126,7 @@ static int read_outputs(CoupledRun *run, size_t i)
     SteppedUnit *const unit = &run->units[i];
     const TypedReferences *const read = &unit->read;
     double *out = run->signals + unit->first_output;
-    if (read->n_reals > 0 && failed(run, i, GET, unit->get_real(unit->component, read->reals, read->n_reals, out)))
+    if (read->n_reals > 0 && failed(run, i, GET, unit->get_real(next_call(run, i), read->reals, read->n_reals, out)))
         return 1;
     out += read->n_reals;
     return read_integers(run, i, unit->get_integer, read->integers, read->n_integers, out) ||
@@ -128,7 +135,7 @@ static int read_outputs(CoupledRun *run, size_t i)
 
 static int step_once(CoupledRun *run, size_t i, double time)
 {
-    return failed(run, i, STEP, run->units[i].do_step(run->units[i].component, time, run->step, 1));
+    return failed(run, i, STEP, run->units[i].do_step(next_call(run, i), time, run->step, 1));
 }
 
 static int jacobi(CoupledRun *run, double time)

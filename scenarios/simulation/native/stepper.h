@@ -81,6 +81,7 @@ typedef struct {
     size_t n_spans;
     size_t n_recorded; /* values of a row */
     int64_t done;      /* number of the present or next step */
+    int64_t calls;     /* of functions of units, with the present one */
     /* how a run ended */
     int64_t failed_unit;
     int failed_function; /* 0 set, 1 step, 2 get */
