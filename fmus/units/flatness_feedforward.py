@@ -202,9 +202,10 @@ exact solution, with derivatives U_k of the voltages as the mode sees them and s
 = y(s) = e^{λ h s} y(0) + h sum_k U_k s^{k+1} φ_{k+1}(λ h s) ; φ_k(z) = ∫_0^1 e^{(1−σ) z} σ^{k−1} / (k−1)! d σ
 A transition takes transition_time, of splines the next longer time tabulated, or as much longer as it takes to keep the
 whole motion within the limits: voltage_limit of all magnitudes, voltage_min and voltage_max of each pair; those of
-splines are kept to 0.1 % of the largest. Where a limit was narrowed below a voltage under way, the motion goes no
-further. A target that needs more at rest, or that no voltages reach, is refused: one line in the log, target_refused is
-true, the previous target is held.
+splines are kept to 0.1 % of the largest. The limits are those at the tick that sees the target: transitions under way,
+and one that is being planned, go on when a limit is narrowed later. Where a voltage is then beyond a limit, the next
+transition takes it no further. A target that needs more at rest, or that no voltages reach, is refused: one line in the
+log, target_refused is true, the previous target is held.
 """,
         timing=f"""
 The unit sees targets at the ticks of its sample time, whatever the size of a step, and in a step those that were set

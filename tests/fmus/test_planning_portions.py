@@ -78,3 +78,33 @@ def test_a_search_goes_on_from_every_tick(units: BuiltUnits) -> None:
             for k, state in enumerate(states[:-1], 2):
                 found = copy.restore(state).advance((len(states) + 1 - k) * SAMPLE)
                 np.testing.assert_array_equal(found.take(*OUTPUTS)[-3:], expected)
+
+
+def test_a_plan_keeps_the_limits_of_the_tick_that_saw_its_target(units: BuiltUnits) -> None:
+    """A limit that is narrowed meanwhile holds for the next target; the transition under way goes on too."""
+    inverse = computed_once(read_structure(find_structure("kiel"))).arrays["static_inverse"]
+    first, second, third = np.array([[800.0, -700.0, 600.0, 500.0], [-600.0, 700.0, 300.0, -500.0], [30.0] * 4]) @ (
+        np.linalg.pinv(inverse).T
+    )
+
+    def planned(narrowed_after: int) -> tuple[Real, Real, Real]:
+        """The plan of the second target, the motion after it, and the plan of the third."""
+        with loaded(units("FlatnessFeedforward")) as unit:
+            unit.begin(transition_time=0.5)
+            unit.advance(0.2, y_target=first)
+            unit.put("y_target", second)
+            for tick in range(200):
+                if tick == narrowed_after:
+                    unit.put("voltage_limit", 450.0)
+                unit.advance(SAMPLE)
+            unit.put("voltage_limit", 450.0)
+            plan, motion = unit.take("planned_time", "planned_peak"), unit.advance(0.3).take("u_ff", "x_ref")
+            unit.advance(2.0).advance(0.1, y_target=third)
+            return plan, motion, unit.take("planned_time", "target_refused")
+
+    late, narrowed = planned(200), planned(10)
+    for one, other in zip(late, narrowed, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert late[0][1] > 450.0
+    assert late[2][1] == 0.0
+    assert planned(0)[0].tolist() != late[0].tolist()
