@@ -20,6 +20,7 @@ from flexbeams.scenarios.report.page import render
 MAX_ROWS = 500  # of a response
 WIDTH, HEIGHT = 640, 320  # of the front's picture
 LEFT, BOTTOM, EDGE = 66, 46, 16
+FEWEST_TICKS = 3  # of an axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +80,8 @@ def tuning_html(
         rows=rows,
         chosen=chosen + 1,
         front=" ".join(f"{r['x']:.1f},{r['y']:.1f}" for r in rows[1:]),
-        ticks_x=[{"at": scale.x(v), "text": f"{v:g}"} for v in scale.ticks(*scale.noise)],
-        ticks_y=[{"at": scale.y(v), "text": f"{v:g}"} for v in scale.ticks(*scale.decay)],
+        ticks_x=[{"at": scale.x(v), "text": f"{v:g}"} for v in round_ticks(*scale.noise)],
+        ticks_y=[{"at": scale.y(v), "text": f"{v:g}"} for v in round_ticks(*scale.decay)],
         size={"width": WIDTH, "height": HEIGHT, "left": LEFT, "bottom": HEIGHT - BOTTOM, "right": WIDTH - EDGE},
         data=data,
     )
@@ -108,11 +109,16 @@ class _Scale:
         low, high = np.log(self.decay)
         return float(HEIGHT - BOTTOM - (np.log(value) - low) / (high - low) * (HEIGHT - BOTTOM - EDGE))
 
-    @staticmethod
-    def ticks(low: float, high: float) -> list[float]:
-        """1, 2 and 5 times powers of ten."""
-        powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-        return [v for p in powers for v in (f * 10.0**p for f in (1, 2, 5)) if low <= v <= high]
+
+def round_ticks(low: float, high: float) -> list[float]:
+    """1, 2 and 5 times powers of ten; in a range with few of them, at least three in equal steps of that kind."""
+    powers = range(int(np.floor(np.log10(min(low, high - low)))) - 1, int(np.ceil(np.log10(high))) + 1)
+    round_numbers = [f * 10.0**p for p in powers for f in (1, 2, 5)]
+    ticks = [v for v in round_numbers if low <= v <= high]
+    if len(ticks) < FEWEST_TICKS:
+        step = max(v for v in round_numbers if v <= (high - low) / FEWEST_TICKS)
+        ticks = [k * step for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+    return ticks
 
 
 def _response(problem: TuningProblem, weights: Weights) -> list[dict[str, Any]]:

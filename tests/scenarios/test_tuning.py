@@ -24,6 +24,7 @@ from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.plant.validation import validate
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.scenario_file import load_scenario
+from flexbeams.scenarios.report.tuning import round_ticks
 from tests.browser import chromium, needs_browser
 from tests.helpers import LOOP_WIRES, design_of, made_once
 from tests.oracles.monolithic import simulate
@@ -161,6 +162,19 @@ def test_search_writes_a_design_section_and_a_page(tmp_path: Path) -> None:
     assert "<h1>Tuning: blow</h1>" in page
     assert page.count('role="button"') == page.count('<button type="button" class="small" data-point')
     assert not re.search(r'(src|href)="(?!#|data:)', page)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (0.01, 20.0, "0.01 0.02 0.05 0.1 0.2 0.5 1 2 5 10 20"),
+        (1.2 / 1.15, 1.2 * 1.15, "1.1 1.2 1.3"),  # of candidates that are all alike
+        (0.108, 0.143, "0.11 0.12 0.13 0.14"),
+        (0.3, 0.45, "0.3 0.35 0.4 0.45"),
+    ],
+)
+def test_an_axis_of_the_front_has_labels(low: float, high: float, ticks: str) -> None:
+    assert " ".join(f"{v:g}" for v in round_ticks(low, high)) == ticks
 
 
 @pytest.mark.slow
