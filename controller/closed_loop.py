@@ -7,14 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
 from flexbeams.controller.frequency import Complex
 from flexbeams.controller.observer import tick_matrices
 from flexbeams.plant.basis import Array
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import BeamModel
-from flexbeams.plant.statespace import static_gains
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,22 +39,6 @@ def sampled_plant(model: BeamModel, step: float, parameters: dict[str, float] | 
     H_pi, H_pm = form.outputs(model.deflection), form.outputs(model.strain)
     none = np.zeros((len(H_pi), B.shape[1])), np.zeros((len(H_pm), B.shape[1]))
     return SampledPlant(A=A, B=B, H_pi=H_pi, H_pm=H_pm, D_pi=none[0], D_pm=none[1], step=step)
-
-
-def slow_plant(model: BeamModel, step: float, frequency: float) -> SampledPlant:
-    """The undamped modes below `frequency` (rad/s, at least one), the statics of the others in D_pi and D_pm."""
-    system = model.assemble()
-    inverse_squares, shapes = eigh(system.M, system.K)  # K-normalised, the slowest last
-    slow = shapes[:, inverse_squares > min(frequency**-2, 0.99 * inverse_squares[-1])]
-    K, D = slow.T @ system.K @ slow, slow.T @ system.D @ slow
-    form = energy_form(slow.T @ system.M @ slow, D, K, slow.T @ system.L)
-    A, B = discretise(form.A, form.B, step)
-    H_pi, H_pm = form.outputs(model.deflection @ slow), form.outputs(model.strain @ slow)
-    rest = -np.linalg.solve(form.A, form.B)
-    full_pi, full_pm = static_gains(model, system)
-    return SampledPlant(
-        A=A, B=B, H_pi=H_pi, H_pm=H_pm, D_pi=full_pi - H_pi @ rest, D_pm=full_pm - H_pm @ rest, step=step
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

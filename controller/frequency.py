@@ -24,6 +24,9 @@ class Resolvent(Protocol):
     def at(self, points: ArrayLike) -> Complex:
         """Values (k, p, m) at complex points s (k,)."""
 
+    def at_each(self, points: ArrayLike) -> Complex:
+        """Values (m, p) of column k of B at complex point s_k, of as many points as columns."""
+
     def part(self, rows: slice, columns: slice) -> "Resolvent":
         """That of some outputs and inputs."""
 
@@ -47,6 +50,11 @@ class ModalForm:
         modes = 1 / (s[:, None] - self.poles)
         products = (self.C * modes[:, None, :]).reshape(-1, len(self.poles)) @ self.B
         return np.asarray(products.reshape(len(s), len(self.C), -1), dtype=np.complex128)
+
+    def at_each(self, points: ArrayLike) -> Complex:
+        """Values (m, p) of column k of B at complex point s_k, of as many points as columns."""
+        s = np.asarray(points, dtype=np.complex128)
+        return np.asarray((self.B.T / (s[:, None] - self.poles)) @ self.C.T, dtype=np.complex128)
 
     def part(self, rows: slice, columns: slice) -> "ModalForm":
         """That of some outputs and inputs."""
@@ -82,6 +90,12 @@ class SchurForm:
             np.fill_diagonal(shifted, s - self.poles)
             result[k] = self.C @ solve_triangular(shifted, self.B, check_finite=False)
         return result
+
+    def at_each(self, points: ArrayLike) -> Complex:
+        """Values (m, p) of column k of B at complex point s_k, of as many points as columns."""
+        s = np.asarray(points, dtype=np.complex128)
+        columns = [self.part(slice(None), slice(k, k + 1)).at(s[k : k + 1])[0, :, 0] for k in range(len(s))]
+        return np.array(columns, dtype=np.complex128)
 
     def part(self, rows: slice, columns: slice) -> "SchurForm":
         """That of some outputs and inputs."""

@@ -7,15 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from flexbeams.controller.closed_loop import (
-    SampledPlant,
-    closed_loop_poles,
-    sampled_controller,
-    sampled_plant,
-    slow_plant,
-)
+from flexbeams.controller.closed_loop import SampledPlant, closed_loop_poles, sampled_controller, sampled_plant
 from flexbeams.controller.gains import sample_ratio
 from flexbeams.controller.options import DesignOptions, Weights
+from flexbeams.controller.plant_modes import PlantModes
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.errors import DesignError
@@ -25,7 +20,7 @@ DESIGN, EXACT = "design", "exact"  # names of the plants
 EXACT_BASIS: BasisName = "segment"
 PUBLISHED_INTEGRAL_GAIN = 1e-4  # k_I of (45), a sample of 0.2 ms
 STABLE = -1e-6  # 1/s: poles of a stable loop are left of it; rounding moves them by less
-HIGHEST_INTEGRAL_GAIN = 1.0
+HIGHEST_INTEGRAL_GAIN, _LOW_INTEGRAL_GAIN = 1.0, 1e-7
 _BISECTIONS = 14
 SLOW = 500.0  # rad/s: modes of the plants that matter for the integral action
 _LEAST_FACTOR = 1e-6  # to which a weight is lowered in search of a stable loop
@@ -48,14 +43,21 @@ class VerifiedLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class Plants:
-    """Plants to verify a design on, by name, and their slow modes alone."""
+    """Plants to verify a design on, by name."""
 
-    full: Mapping[str, SampledPlant]
-    slow: Mapping[str, SampledPlant]
+    models: Mapping[str, BeamModel]
+    moved: Mapping[str, SampledPlant]  # the modes that the controller moves, others at their statics
+    slow: Mapping[str, SampledPlant]  # the slow modes alone
+    step: float  # s
 
     def only(self, name: str) -> "Plants":
         """One of them."""
-        return Plants(full={name: self.full[name]}, slow={name: self.slow[name]})
+        models, moved, slow = ({name: plants[name]} for plants in (self.models, self.moved, self.slow))
+        return Plants(models=models, moved=moved, slow=slow, step=self.step)
+
+    def full(self) -> dict[str, SampledPlant]:
+        """The plants with all their modes."""
+        return {name: sampled_plant(model, self.step) for name, model in self.models.items()}
 
 
 def models_of(model: BeamModel) -> dict[str, BeamModel]:
@@ -66,11 +68,15 @@ def models_of(model: BeamModel) -> dict[str, BeamModel]:
     return models
 
 
-def plants_of(models: Mapping[str, BeamModel], step: float) -> Plants:
-    """The plants of models, sampled with `step` s."""
+def plants_of(models: Mapping[str, BeamModel], step: float, arrays: Mapping[str, Array]) -> Plants:
+    """The plants of models, sampled with `step` s, for the controller of a design's arrays."""
+    modes = {name: PlantModes.of(model) for name, model in models.items()}
+    controller = sampled_controller(arrays, 0.0)
     return Plants(
-        full={name: sampled_plant(model, step) for name, model in models.items()},
-        slow={name: slow_plant(model, step, SLOW) for name, model in models.items()},
+        models=models,
+        moved={name: m.moved_by(controller, step) for name, m in modes.items()},
+        slow={name: m.slow(step, SLOW) for name, m in modes.items()},
+        step=step,
     )
 
 
@@ -93,22 +99,32 @@ def is_stable(arrays: Mapping[str, Array], integral_gain: float, plants: Mapping
 def largest_integral_gain(arrays: Mapping[str, Array], plants: Plants) -> float:
     """The largest k_I of (45), a sample, up to which the loop is stable on every plant, to 1 % and two digits.
 
-    Searched on the slow modes of the plants, since the integral action is slow, and confirmed on the full ones. 0
-    where the loop is not stable for a vanishing gain.
+    Searched on the slow modes of the plants, since the integral action is slow, and confirmed on all that the
+    controller moves. 0 where the loop is not stable for a vanishing gain.
     """
-    slow = plants.slow
-    if not is_stable(arrays, 0.0, slow):
+    if not is_stable(arrays, 0.0, plants.slow):
         return 0.0
-    if is_stable(arrays, HIGHEST_INTEGRAL_GAIN, slow):
-        gain = HIGHEST_INTEGRAL_GAIN
-    else:
-        gain = _bisect(lambda k: is_stable(arrays, k, slow), 1e-9, HIGHEST_INTEGRAL_GAIN, 2 * _BISECTIONS)
-    gain = two_digits(gain)
-    if is_stable(arrays, gain, plants.full):
+    gain = two_digits(_slow_limit(arrays, plants.slow))
+    if is_stable(arrays, gain, plants.moved):
         return gain
-    if not is_stable(arrays, 0.0, plants.full):
+    if not is_stable(arrays, 0.0, plants.moved):
         return 0.0
-    return two_digits(_bisect(lambda k: is_stable(arrays, k, plants.full), 1e-3 * gain, gain, 6))
+    return two_digits(_bisect(lambda k: is_stable(arrays, k, plants.moved), 1e-3 * gain, gain, 6))
+
+
+def _slow_limit(arrays: Mapping[str, Array], plants: Mapping[str, SampledPlant]) -> float:
+    """The integral gain at which the loop becomes unstable on one of the plants, at most HIGHEST_INTEGRAL_GAIN."""
+    from scipy.optimize import brentq  # takes a while to import
+
+    def growth(logarithm: float) -> float:
+        return max(loop.pole.real for loop in verify_loop(arrays, float(np.exp(logarithm)), plants)) - STABLE
+
+    low, high = np.log(_LOW_INTEGRAL_GAIN), np.log(HIGHEST_INTEGRAL_GAIN)
+    if growth(high) < 0:
+        return HIGHEST_INTEGRAL_GAIN
+    if growth(low) >= 0:
+        return _bisect(lambda k: is_stable(arrays, k, plants), 1e-9, _LOW_INTEGRAL_GAIN)
+    return float(np.exp(brentq(growth, low, high, xtol=1e-5)))
 
 
 def _bisect(holds: Callable[[float], bool], good: float, bad: float, steps: int = _BISECTIONS) -> float:
@@ -166,7 +182,7 @@ def verify_design(
     still holds.
     """
     models = models_of(model)
-    plants = plants_of(models, options.sample_time)
+    plants = plants_of(models, options.sample_time, arrays)
     exact = options.verify == "exact"
     counting = plants if exact else plants.only(DESIGN)
     ratio = sample_ratio(options)
@@ -179,10 +195,14 @@ def verify_design(
                 f"integral_gain = {options.integral_gain:g} makes the sampled loop unstable; "
                 f"{two_digits(limit / ratio):g} still holds"
             )
-    loops = verify_loop(arrays, gain, plants.full)
-    for loop in loops:
-        if not loop.stable and loop.plant in counting.full:
-            raise _instability(loop, options, lambda o: {**arrays, **recompute(o)}, counting)
+    loops = verify_loop(arrays, gain, plants.moved)
+    if any(not loop.stable and loop.plant in counting.models for loop in loops):
+        full = plants.full()
+        loops = verify_loop(arrays, gain, full)
+        for loop in loops:
+            if not loop.stable and loop.plant in counting.models:
+                counted = {name: full[name] for name in counting.models}
+                raise _instability(loop, options, lambda o: {**arrays, **recompute(o)}, counted)
     return Verification(loops=loops, integral_gain=gain, integral_gain_limit=limit, exact=exact or EXACT not in models)
 
 
@@ -190,7 +210,9 @@ def _pole_text(pole: complex) -> str:
     return f"{pole.real:.4g}{pole.imag:+.4g}j"
 
 
-def _instability(loop: VerifiedLoop, options: DesignOptions, recompute: Recompute, plants: Plants) -> DesignError:
+def _instability(
+    loop: VerifiedLoop, options: DesignOptions, recompute: Recompute, plants: Mapping[str, SampledPlant]
+) -> DesignError:
     """The refusal of an unstable loop: pole, weight to blame and the value that still holds."""
     place = "the design's own plant" if loop.plant == DESIGN else "the exact plant (basis segment)"
     advice = _advice(options, recompute, plants)
@@ -199,12 +221,12 @@ def _instability(loop: VerifiedLoop, options: DesignOptions, recompute: Recomput
     return DesignError(f"the sampled loop is unstable on {place}, pole {_pole_text(loop.pole)} 1/s: {advice}")
 
 
-def _advice(options: DesignOptions, recompute: Recompute, plants: Plants) -> str:
+def _advice(options: DesignOptions, recompute: Recompute, plants: Mapping[str, SampledPlant]) -> str:
     """The weight to blame, found by bisection with the integral action off."""
 
     def holds(weights: Weights) -> bool:
         try:
-            return is_stable(recompute(replace(options, weights=weights)), 0.0, plants.full)
+            return is_stable(recompute(replace(options, weights=weights)), 0.0, plants)
         except DesignError:
             return False
 

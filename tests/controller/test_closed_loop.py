@@ -11,8 +11,8 @@ from flexbeams.controller.closed_loop import (
     closed_loop_poles,
     sampled_controller,
     sampled_plant,
-    slow_plant,
 )
+from flexbeams.controller.plant_modes import PlantModes
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from tests.helpers import design_of
@@ -80,10 +80,10 @@ def test_slow_modes_alone_have_the_slow_poles() -> None:
     made = design_of()
     controller = sampled_controller(made.arrays, 8e-4)
     full = closed_loop_poles(controller, plant("segment"))
-    slow = closed_loop_poles(controller, slow_plant(made.model("segment"), SAMPLE, 500.0))
+    slow = closed_loop_poles(controller, PlantModes.of(made.model("segment")).slow(SAMPLE, 500.0))
     for pole in full[np.abs(full) < 60.0]:
         assert np.min(np.abs(slow - pole)) < 2e-3 * abs(pole)
-    here = slow_plant(made.model("segment"), SAMPLE, 500.0)
+    here = PlantModes.of(made.model("segment")).slow(SAMPLE, 500.0)
     gains = [
         (
             p.H_pi @ np.linalg.solve(np.eye(len(p.A)) - p.A, p.B) + p.D_pi,
@@ -93,6 +93,24 @@ def test_slow_modes_alone_have_the_slow_poles() -> None:
     ]
     for found, expected in zip(*gains, strict=True):
         assert largest_difference(found, expected) < 1e-9
+
+
+@pytest.mark.parametrize("structure", ["kiel", "five_beams"])
+@pytest.mark.parametrize("basis", ["clamped_free", "segment"])
+def test_modes_that_the_controller_moves_have_all_poles_that_it_moves(structure: str, basis: BasisName) -> None:
+    """Half the modes of the exact plant; every pole of the full loop is one of theirs or of the plant alone."""
+    made, here = design_of(structure), plant(basis, structure)
+    controller = sampled_controller(made.arrays, 1e-4)
+    kept = PlantModes.of(made.model(basis)).moved_by(controller, SAMPLE)
+    assert len(kept.A) < (0.6 if basis == "segment" else 0.95) * len(here.A)
+    full, found = closed_loop_poles(controller, here), closed_loop_poles(controller, kept)
+    alone = np.log(np.linalg.eigvals(here.A).astype(np.complex128)) / SAMPLE
+    for pole in full[full.real > -2000]:
+        nearest = min(np.min(np.abs(found - pole)), np.min(np.abs(alone - pole)))
+        assert nearest < 2e-4 * abs(pole)
+    assert found[0].real == pytest.approx(full[0].real, rel=2e-6)
+    gains = [p.H_pm @ np.linalg.solve(np.eye(len(p.A)) - p.A, p.B) + p.D_pm for p in (kept, here)]
+    assert largest_difference(*gains) < 1e-9
 
 
 def test_delay_is_harmless_for_the_published_loop() -> None:
