@@ -8,6 +8,8 @@ from flexbeams.plant.errors import DesignError
 
 TOLERANCE = 1e-9  # relative residual accepted
 MARGIN = 1e-12  # distance of a stable eigenvalue from the unit circle, larger than rounding
+_DOUBLINGS = 30  # up to 2^30 samples, beyond which rounding decides about stability
+_VANISHED = 1e-9  # norm of the closed loop's power from which the solution no longer changes
 
 
 def residual(A: Array, B: Array, Q: Array, R: Array, S: Array) -> float:
@@ -19,15 +21,17 @@ def residual(A: Array, B: Array, Q: Array, R: Array, S: Array) -> float:
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array, name: str) -> Array:
     """Stabilising S (n, n) of A'SA - S - A'SB (R + B'SB)^-1 B'SA + Q = 0.
 
-    A (n, n), B (n, m), Q (n, n) >= 0, R (m, m) > 0. Inputs are scaled to R = I; two Newton steps (Kleinman, as
-    closed-loop Lyapunov equations) remove the residual of the Schur method. Raises DesignError, naming `name`, where
-    no stabilising solution exists or the residual stays above TOLERANCE.
+    A (n, n), B (n, m), Q (n, n) >= 0, R (m, m) > 0. Inputs are scaled to R = I. By doubling, and by the Schur method
+    where this does not converge; two Newton steps (Kleinman, as closed-loop Lyapunov equations) remove the residual.
+    Raises DesignError, naming `name`, where no stabilising solution exists or the residual stays above TOLERANCE.
     """
     root = np.linalg.cholesky(R)
     scaled = np.linalg.solve(root, B.T).T
     identity = np.eye(R.shape[0])
     try:
-        S = solve_discrete_are(A, scaled, Q, identity)
+        S = _doubled(A, scaled, Q)
+        if S is None:
+            S = solve_discrete_are(A, scaled, Q, identity)
         for _ in range(2):
             gain = np.linalg.solve(identity + scaled.T @ S @ scaled, scaled.T @ S @ A)
             S = solve_discrete_lyapunov((A - scaled @ gain).T, Q + gain.T @ gain, method="bilinear")
@@ -40,6 +44,27 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, name: str) -> Array:
         )
     result: Array = S
     return result
+
+
+def _doubled(A: Array, B: Array, Q: Array) -> Array | None:
+    """The solution for R = I by structure-preserving doubling (Chu, Fan, Lin and Wang 2004); None where it diverges.
+
+    Step k has A_k, similar to the 2^k-th power of the closed loop: where it vanishes, the solution is stabilising.
+    """
+    G, S, identity = B @ B.T, Q, np.eye(len(A))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(_DOUBLINGS):
+            try:
+                left, right = np.hsplit(np.linalg.solve(identity + G @ S, np.hstack([A, G @ A.T])), 2)
+            except np.linalg.LinAlgError:
+                return None
+            A, G, S = A @ left, G + A @ right, S + A.T @ S @ left
+            size = np.linalg.norm(A)
+            if size < _VANISHED:
+                return np.asarray((S + S.T) / 2, dtype=np.float64)
+            if not np.isfinite(size):
+                return None
+    return None
 
 
 def require_stable(A: Array, name: str) -> None:
