@@ -7,6 +7,7 @@ modes of a fine basis, which sensors hardly see and a controller hardly moves, t
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from flexbeams.controller.closed_loop import SampledController, SampledPlant
@@ -60,7 +61,7 @@ class PlantModes:
         residues = np.abs((z - 1) / np.maximum(np.abs(poles * (poles - other)), 1e-300))
         return np.asarray(2 * gains * residues / np.maximum(1 - np.abs(z), 1e-300), dtype=np.float64)
 
-    def _sampled(self, step: float, kept: Array) -> SampledPlant:
+    def _sampled(self, step: float, kept: NDArray[np.bool_]) -> SampledPlant:
         """The modes `kept` (n,), the statics of the others in D_pi and D_pm."""
         model, system, shapes = self.model, self.system, self.shapes[:, kept]
         M, D, K = (shapes.T @ matrix @ shapes for matrix in (system.M, system.D, system.K))

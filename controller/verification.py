@@ -52,8 +52,12 @@ class Plants:
 
     def only(self, name: str) -> "Plants":
         """One of them."""
-        models, moved, slow = ({name: plants[name]} for plants in (self.models, self.moved, self.slow))
-        return Plants(models=models, moved=moved, slow=slow, step=self.step)
+        return Plants(
+            models={name: self.models[name]},
+            moved={name: self.moved[name]},
+            slow={name: self.slow[name]},
+            step=self.step,
+        )
 
     def full(self) -> dict[str, SampledPlant]:
         """The plants with all their modes."""
