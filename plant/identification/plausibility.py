@@ -90,11 +90,14 @@ def _longest_run(values: Array) -> tuple[int, int]:
 
 
 def _require_excitation(experiments: Sequence[Experiment], free: Sequence[str]) -> None:
-    moved = np.max([np.max(np.abs(e.voltages - e.rest), axis=0) for e in experiments], axis=0)
-    for k in np.flatnonzero(moved == 0):
-        name = f"patch[{k + 1}].piezo_ratio"
-        if name in free and not any(e.rest_voltages is not None and e.rest_voltages[k] for e in experiments):
-            raise InputError(
-                f"column 'u[{k + 1}]'",
-                f"never changes in any file, so that {name} has no effect; excite the pair, or give --fix {name}",
-            )
+    """A pair at one voltage throughout shows nothing: what it bends is part of the sensors' zeros."""
+    lowest = np.min([np.min(e.voltages, axis=0) for e in experiments], axis=0)
+    highest = np.max([np.max(e.voltages, axis=0) for e in experiments], axis=0)
+    for k in np.flatnonzero(lowest == highest):
+        name, voltage = f"patch[{k + 1}].piezo_ratio", lowest[k]
+        if name not in free:
+            continue
+        fault = f"never changes in any file, so that {name} has no effect"
+        if voltage:
+            fault = f"is {voltage:g} V in every row of all files: {name} cannot be told from the sensors' zeros"
+        raise InputError(f"column 'u[{k + 1}]'", f"{fault}; excite the pair, or give --fix {name}")

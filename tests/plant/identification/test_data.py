@@ -137,6 +137,10 @@ def test_good_data_pass_from_a_start_far_off(data: list[Experiment]) -> None:
             lambda d: [replace(e, voltages=e.voltages * [1, 1, 0, 1]) for e in d],
             r"column 'u\[3\]' never changes in any file, .* --fix patch\[3\]\.piezo_ratio",
         ),
+        (
+            lambda d: [replace(e, voltages=e.voltages * [1, 1, 0, 1] + [0, 0, 200, 0]) for e in d],
+            r"column 'u\[3\]' is 200 V in every row of all files: patch\[3\]\.piezo_ratio cannot be told from",
+        ),
     ],
 )
 def test_implausible_data_are_named(data: list[Experiment], change: object, match: str) -> None:
