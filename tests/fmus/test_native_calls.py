@@ -351,7 +351,7 @@ def test_saved_states_continue_bit_for_bit(unit: str) -> None:
         assert rest(one.restore(saved)) == first
         assert rest(other.restore(saved)) == first
         assert other.restore(saved).saved() == saved
-        one.call("terminate")
+        one.advance(SAMPLE).call("terminate")
         ended = one.saved()  # before anything is read
         np.testing.assert_array_equal(other.restore(ended).everything(), one.everything())
 

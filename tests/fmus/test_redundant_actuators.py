@@ -15,7 +15,7 @@ from flexbeams.fmus.choices import Backend
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.references.tracking_controller import controller_experiments
 from flexbeams.fmus.units.tracking_controller import TRACKING_CONTROLLER
-from flexbeams.plant.structure import find_structure, read_structure
+from flexbeams.plant.structure import PointOfInterest, find_structure, read_structure
 from tests.helpers import computed_once, made_once
 from tests.native.workshop import needs_zig
 from tests.units.loaded import Real, loaded
@@ -37,12 +37,27 @@ def two_pairs() -> Design:
     return computed_once(structure, DesignOptions(reduced_modes=3, voltage_max=[600.0, 350.0]))
 
 
-def folder_of(backend: Backend) -> Path:
+@cache
+def three_pairs() -> Design:
+    """The single beam with three pairs for two points: which pairs are held changes how the others' integrals grow."""
+    single = read_structure(find_structure("single_beam"))
+    [first] = single.patch
+    patches = tuple(replace(first, position=position) for position in (0.025, 0.13, 0.235))
+    [tip] = single.point_of_interest
+    structure = replace(
+        single, patch=patches, actuator=None, point_of_interest=(tip, PointOfInterest(beam=1, position=0.2))
+    )
+    return computed_once(structure, DesignOptions(reduced_modes=4))
+
+
+def folder_of(backend: Backend, design: Design | None = None) -> Path:
+    made = design or two_pairs()
+
     def make(folder: Path) -> None:
-        [file] = build_units([TRACKING_CONTROLLER], two_pairs(), two_pairs().model(), folder, backend=backend)
+        [file] = build_units([TRACKING_CONTROLLER], made, made.model(), folder, backend=backend)
         fmpy.extract(str(file), unzipdir=str(folder / "unit"))
 
-    return made_once(f"two_pairs/{backend}", make) / "unit"
+    return made_once(f"{len(made.structure.patch)}_pairs/{backend}", make) / "unit"
 
 
 def references(factor: float) -> tuple[Real, Real]:
@@ -146,15 +161,16 @@ def test_reference_results_hold_with_redundant_pairs(backend: Backend) -> None:
 def test_both_kernels_agree_while_limits_move() -> None:
     """Random strains, references and limits of each pair, with much saturation on both sides: to 1e-12."""
     rng = np.random.default_rng(3)
-    m, gauges = len(two_pairs().arrays["A"]), len(two_pairs().structure.strain_gauge)
+    design = three_pairs()
+    m, gauges = len(design.arrays["A"]), len(design.structure.strain_gauge)
     traces = [
         [unit_inputs(rng, m, gauges), float(rng.choice([SAMPLE, 2 * SAMPLE, 0.3 * SAMPLE])), limits_of_pairs(rng)]
         for _ in range(400)
     ]
     found = []
     for backend in ("native", "python"):
-        with loaded(folder_of(backend)) as unit:
-            unit.begin(integral_gain=3e-3)
+        with loaded(folder_of(backend, design)) as unit:
+            unit.begin(integral_gain=1e-3)
             rows = []
             for k, (inputs, step, limits) in enumerate(traces):
                 for name, value in limits.items() if k % 10 == 0 else ():
@@ -170,10 +186,10 @@ def test_both_kernels_agree_while_limits_move() -> None:
 def unit_inputs(rng: np.random.Generator, m: int, gauges: int) -> dict[str, Real]:
     return {
         "y_pm": rng.normal(0.0, 3e-5, gauges),
-        "u_ff": rng.normal(0.0, 200.0, 2),
+        "u_ff": rng.normal(0.0, 130.0, 3),
         "x_ref": rng.normal(0.0, 1e-2, m),
     }
 
 
 def limits_of_pairs(rng: np.random.Generator) -> dict[str, Real]:
-    return {"voltage_min": -rng.uniform(0.0, 400.0, 2), "voltage_max": rng.uniform(0.0, 400.0, 2)}
+    return {"voltage_min": -rng.uniform(0.0, 400.0, 3), "voltage_max": rng.uniform(0.0, 400.0, 3)}
