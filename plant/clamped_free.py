@@ -1,8 +1,10 @@
 """Basis of the paper: eigenfunctions of a uniform undamped clamped-free beam, stable to any mode number."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 from flexbeams.plant.basis import Array, symmetric_product
 
@@ -61,6 +63,12 @@ class ClampedFreeBasis:
     def gram(self, start: float, end: float, derivative: int) -> Array:
         """See Basis.gram; Gauss-Legendre with points enough for the product of the two highest modes."""
         phase = 2 * self.roots[-1] * (end - start) / self.length
-        nodes, weights = np.polynomial.legendre.leggauss(24 + int(np.ceil(0.75 * phase)))
+        nodes, weights = _gauss_legendre(24 + int(np.ceil(0.75 * phase)))
         half = (end - start) / 2
         return symmetric_product(self.evaluate(start + half * (nodes + 1), derivative), half * weights)
+
+
+@cache
+def _gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Nodes and weights (count,) on [-1, 1]."""
+    return leggauss(count)

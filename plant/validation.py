@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import is_pydantic_dataclass, rebuild_dataclass
 
 from flexbeams.plant.errors import InputError, suggestion
 
-STRICT = ConfigDict(extra="forbid")
+STRICT = ConfigDict(extra="forbid", defer_build=True)  # a validator is built when it is first used
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)]
@@ -59,6 +60,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 def validate(kind: type[T], table: object, source: str) -> T:
     """`table` as an instance of the pydantic dataclass `kind`; raises InputError for the first fault."""
     try:
+        if is_pydantic_dataclass(kind):
+            rebuild_dataclass(kind)  # builds its validator, which replace() then finds as well
         return TypeAdapter(kind).validate_python(table)
     except ValidationError as error:
         raise _one_line(error, kind, source) from None

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from flexbeams.fmus.documents.documentation import Chapter, documentation_page, table
+from flexbeams.fmus.documents.chapter import Chapter
+from flexbeams.fmus.documents.documentation import documentation_page, table
 from flexbeams.fmus.documents.picture import BLUE, LIGHT_BLUE, array_labels, blank_picture, png_bytes
 from flexbeams.fmus.interface.variables import Interface
 

@@ -1,10 +1,10 @@
 """documentation/index.html of a unit: equations, signals, timing, picture; one file that refers to no other."""
 
 import base64
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from html import escape
 
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.documents.description import LOG_CATEGORIES
 from flexbeams.fmus.documents.mathml import formula
 from flexbeams.fmus.interface.variables import Interface, Variable
@@ -24,23 +24,6 @@ td { overflow-wrap: anywhere } td:last-child { min-width: 14rem } img { backgrou
   th { background: #232a33 } th, td { border-color: #38404a }
 }
 """
-
-PAPER = (
-    "Paper: A. Kater, T. Meurer, Motion planning and tracking control for coupled flexible beam structures, "
-    "Control Engineering Practice 84 (2019)."
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Chapter:
-    """Text about a unit: paragraphs, formulas where a line starts with =, headings where it starts with #."""
-
-    equations: str
-    timing: str
-    wiring: str = ""  # HTML, of a unit with parts
-    figure: Callable[[Interface], str] | None = None  # HTML behind the equations
-    clock: str = "The design's sample time is {:g} s."
-    literature: str = ""
 
 
 def documentation_page(interface: Interface, picture: bytes, chapter: Chapter) -> str:

@@ -10,12 +10,12 @@ import stat
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 from flexbeams.fmus.packaging.compilers import compiler_version, host_name
 from flexbeams.plant.archive import remove_file, write_whole
 from flexbeams.plant.errors import InputError
+from flexbeams.plant.versions import installed_version
 
 VARIABLE = "FLEXBEAMS_CACHE"  # environment variable with the folder
 _HASH = ".sha256"
@@ -33,7 +33,7 @@ def cache_folder(chosen: str | Path | None = None) -> Path:
 @cache
 def toolchain_key(compiler: str) -> str:
     """What compiled code depends on beside its sources: compiler, its version, platform and version of the package."""
-    return f"{compiler} {compiler_version(compiler)} {host_name()} {version('flexbeams')}"
+    return f"{compiler} {compiler_version(compiler)} {host_name()} {installed_version('flexbeams')}"
 
 
 def prepare_cache(root: Path) -> None:

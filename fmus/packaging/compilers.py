@@ -1,6 +1,5 @@
 """C compilers: the ziglang wheel, which builds for every platform, or the system's, which builds for this machine."""
 
-import importlib.metadata
 import importlib.util
 import platform
 import shutil
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexbeams.fmus.errors import BuildError
+from flexbeams.plant.versions import installed_version
 
 FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion")
 
@@ -158,10 +158,10 @@ def compiler_version(name: str) -> str:
     """The version of a compiler; empty where it is missing."""
     try:
         if name == "zig":
-            return importlib.metadata.version("ziglang")
+            return installed_version("ziglang")
         done = subprocess.run(
             [shutil.which(name) or name, "--version"], capture_output=True, text=True, errors="replace"
         )
         return done.stdout.partition("\n")[0].strip()
-    except (OSError, importlib.metadata.PackageNotFoundError):
+    except (OSError, ModuleNotFoundError):
         return ""

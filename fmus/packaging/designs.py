@@ -4,7 +4,6 @@ import hashlib
 import json
 from contextlib import suppress
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 
 from flexbeams.controller.design import Design, compute_design
@@ -14,6 +13,7 @@ from flexbeams.fmus.packaging.cache import is_sound, prepare_folder, record
 from flexbeams.fmus.packaging.sources import sources_digest
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.structure import Structure
+from flexbeams.plant.versions import installed_version
 
 FOLDER = "designs"
 
@@ -40,7 +40,7 @@ def _key(structure: Structure, options: DesignOptions) -> str:
     """Hash of all that a design depends on: a file of static maps by its contents."""
     text = json.dumps({"structure": asdict(structure), "options": asdict(options)}, sort_keys=True)
     digest = hashlib.sha256(text.encode())
-    for part in (sources_digest("plant", "controller"), version("numpy"), version("scipy")):
+    for part in (sources_digest("plant", "controller"), installed_version("numpy"), installed_version("scipy")):
         digest.update(part.encode())
     if Path(options.static_maps).is_file():
         digest.update(Path(options.static_maps).read_bytes())

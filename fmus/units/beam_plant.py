@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.documents.chapter import PAPER, Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.beam_plant import plant_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable

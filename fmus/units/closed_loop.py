@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.documents.chapter import PAPER, Chapter
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, bounds
 from flexbeams.fmus.units.kind import UnitKind

@@ -7,7 +7,7 @@ import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.controller.planner import PLANNING_TICKS
-from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.documents.chapter import PAPER, Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.flatness_feedforward import feedforward_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable

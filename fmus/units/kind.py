@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.errors import BuildError, InterfaceError
 from flexbeams.fmus.interface.variables import Interface, Variable
 from flexbeams.fmus.references.experiments import Experiment

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.documents.loop_figure import loop_figure
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.mfc import mfc_actuator_experiments

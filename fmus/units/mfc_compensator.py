@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.documents.loop_figure import loop_figure
 from flexbeams.fmus.interface.variables import TIME, Interface, array
 from flexbeams.fmus.references.mfc import mfc_compensator_experiments

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.documents.chapter import PAPER, Chapter
 from flexbeams.fmus.errors import InterfaceError
 from flexbeams.fmus.interface.si import SI_UNITS
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array, matrix

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexbeams.controller.design import Design
 from flexbeams.controller.observer import tick_matrices
-from flexbeams.fmus.documents.documentation import PAPER, Chapter
+from flexbeams.fmus.documents.chapter import PAPER, Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.tracking_controller import controller_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable

@@ -9,8 +9,8 @@ import numpy as np
 
 from flexbeams.controller.design import Design
 from flexbeams.controller.planner import PLANNING_TICKS
-from flexbeams.fmus.packaging.build import ensure_units
 from flexbeams.fmus.packaging.cache import cache_folder
+from flexbeams.fmus.packaging.kept_units import ensure_units
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel

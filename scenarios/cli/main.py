@@ -64,6 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     _replace_unencodable()
     os.environ["MPLBACKEND"] = "agg"  # figures are written to files, whatever the user's default
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # else it searches all installed packages for some
     default_to_one_thread()
     sweep_temporary_folders()
     arguments = None if argv is None else list(argv)

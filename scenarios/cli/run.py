@@ -138,7 +138,8 @@ def run(
         display = stack.enter_context(Display(names))
         figure_process = None
         own = len(names) == 1 and not is_package(scenarios[0])  # in this process
-        if own and not options["no_figures"] and options["real_time_factor"] is None:
+        drawn = exists((options["out"] or Path("results", names[0])) / "summary.json")  # most often the same figures
+        if own and not options["no_figures"] and not drawn and options["real_time_factor"] is None:
             from flexbeams.scenarios.report.figure_process import FigureProcess  # before all that takes time
 
             figure_process = stack.enter_context(FigureProcess())

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.text import printable
-from flexbeams.scenarios.report.plots import Panel, Plot
+from flexbeams.scenarios.report.plots import FILES, Panel, Plot
 
 # All in inches: a panel with its labels, its axes alone, the margins around all panels. They are fixed, since
 # matplotlib's search for a layout takes as long as the drawing.
@@ -36,7 +36,7 @@ def drawn_figures(plots: Iterable[Plot]) -> dict[Path, bytes]:
 def _drawn(plot: Plot) -> dict[Path, bytes]:
     canvas = draw(plot)
     files = {}
-    for kind in ("png", "svg"):
+    for kind in FILES:
         buffer = io.BytesIO()
         with matplotlib.rc_context({"svg.hashsalt": "flexbeams", "svg.fonttype": "none"}):
             canvas.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)

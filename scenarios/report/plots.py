@@ -6,6 +6,7 @@ from typing import Literal
 
 from flexbeams.plant.basis import Array
 
+FILES = ("png", "svg")  # kinds of files of a figure
 MAX_POINTS = 4000  # of a curve
 Style = Literal[
     "own", "below", "wide"

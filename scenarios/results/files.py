@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 import orjson
 
+from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.results.folder import ResultFolder
 from flexbeams.scenarios.results.formats import Output, write_mat, write_mf4, write_parquet
 from flexbeams.scenarios.simulation.recording import Recording
+
+_LINES_TOGETHER = 1000  # of a CSV file: their text stays in the processor's cache
 
 
 def write_results(
@@ -51,12 +54,16 @@ def write_csv(file: Output, recording: Recording, summary: dict[str, Any]) -> No
         units = [recording.units.get(name, "") for name in recording.columns]
         file.write((",".join(map(_quoted, ["s", *units])) + "\n").encode())
     for time, values in recording.blocks():
-        table = np.column_stack([time, values])
-        if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
-            rows = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n")
-        else:
-            rows = "\n".join(",".join(map(repr, row)) for row in table.tolist()).encode()
-        file.write(rows + b"\n")
+        for begin in range(0, len(time), _LINES_TOGETHER):
+            part = slice(begin, begin + _LINES_TOGETHER)
+            file.write(b"".join(_lines(np.column_stack([time[part], values[part]]))))
+
+
+def _lines(table: Array) -> list[bytes]:
+    """A line for each row, ended."""
+    if np.isfinite(table).all():  # writing JSON, which has no infinities, is the fastest
+        return [orjson.dumps(row, option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] + b"\n" for row in table]
+    return [(",".join(map(repr, row)) + "\n").encode() for row in table.tolist()]
 
 
 def _quoted(text: str) -> str:

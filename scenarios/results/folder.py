@@ -7,9 +7,8 @@ long run are in results.partial.npy until its files are written.
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from os.path import lexists
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +17,7 @@ from typing import Any, BinaryIO
 from flexbeams.plant.archive import remove_file, whole_file, write_whole
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.locks import Lock
+from flexbeams.plant.versions import installed_version
 
 SUMMARY = "summary.json"
 PARTIAL = "results.partial.npy"
@@ -69,6 +69,7 @@ class ResultFolder:
             self._lock = Lock(path)
         if self._lock is not None and not self._lock.held:
             raise InputError("", "is in use by another run; wait for it, or use --out", source=str(path))
+        self.earlier: dict[str, Any] = {}  # summary of an earlier run
         self._earlier: dict[str, str] = {}  # files of an earlier run with their hashes
         self._files: dict[str, str] = {}
         self._head: dict[str, Any] = {}
@@ -88,7 +89,7 @@ class ResultFolder:
 
         Files of these names, and those that the earlier run lists, must be as that run wrote them.
         """
-        summary = self._read_summary()
+        self.earlier = summary = self._read_summary()
         replaced, written = summary.get("replaced", {}), summary.get("files", {})
         listed = [name for name in {**replaced, **written} if Path(name).name == name]
         self._partial = summary.get("partial") == PARTIAL
@@ -131,6 +132,14 @@ class ResultFolder:
             self._files[path.name] = hashed.hexdigest()
             self._write_claim()
 
+    def keep(self, names: Sequence[str]) -> bool:
+        """Makes files of the earlier run files of this one, as they are; False, and nothing, where one is missing."""
+        if not all(self._earlier.get(name) for name in names):
+            return False
+        self._files |= {name: self._earlier[name] for name in names}
+        self._write_claim()
+        return True
+
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Removes files of the earlier run that this one does not have, and writes summary.json."""
         for name in [*self._earlier, *([PARTIAL] if self._partial else [])]:
@@ -161,11 +170,11 @@ class ResultFolder:
 
 
 def _stamp() -> dict[str, Any]:
-    return {"schema_version": SCHEMA_VERSION, "flexbeams": version("flexbeams")}
+    return {"schema_version": SCHEMA_VERSION, "flexbeams": installed_version("flexbeams")}
 
 
 def _is_ours(summary: dict[str, Any]) -> bool:
-    tables = (summary.get("files"), summary.get("replaced", {}))
+    tables = (summary.get("files"), summary.get("replaced", {}), summary.get("drawings", {}))
     return "flexbeams" in summary and all(
         isinstance(table, dict) and all(isinstance(content_hash, str) for content_hash in table.values())
         for table in tables

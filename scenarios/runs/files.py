@@ -2,19 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Figure
 from flexbeams.scenarios.report.decimation import thinned
+from flexbeams.scenarios.report.drawings import drawing_hash
 from flexbeams.scenarios.report.figure_plots import figure_plots
-from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.report.overview import OVERVIEW, overview_plot
-from flexbeams.scenarios.report.plots import Plot
-from flexbeams.scenarios.results.compare import FinishedRun
+from flexbeams.scenarios.report.plots import FILES, Plot
 from flexbeams.scenarios.results.files import json_values, write_formats
 from flexbeams.scenarios.results.folder import CLAIM, SUMMARY, ResultFolder
 from flexbeams.scenarios.results.run import Kind, Run
+
+if TYPE_CHECKING:
+    from flexbeams.scenarios.report.figure_process import FigureProcess
+    from flexbeams.scenarios.results.compare import FinishedRun
 
 REPORT = "report.html"
 TEXTS = ("coupling", "backend", "design_id")  # entries of summary.json that a run which was killed has not noted
@@ -32,8 +35,11 @@ def figure_names(figures: Sequence[Figure] | None) -> list[str]:
 
 def file_names(figures: Sequence[str], report: bool, formats: Sequence[Format]) -> list[str]:
     """Names of the files that a run writes."""
-    drawn = [f"{name}.{kind}" for name in figures for kind in ("png", "svg")]
-    return [SUMMARY, *(f"results.{kind}" for kind in formats), *([REPORT] if report else []), *drawn]
+    return [SUMMARY, *(f"results.{kind}" for kind in formats), *([REPORT] if report else []), *_drawn_names(figures)]
+
+
+def _drawn_names(figures: Sequence[str]) -> list[str]:
+    return [f"{name}.{kind}" for name in figures for kind in FILES]
 
 
 def write_run(
@@ -53,17 +59,20 @@ def write_files(
     figures: bool = True,
     report: bool = True,
     formats: Sequence[Format] = ("csv",),
-    figure_process: FigureProcess | None = None,
+    figure_process: "FigureProcess | None" = None,
 ) -> None:
     """Writes results.csv (or other formats), figures, report.html and summary.json.
 
     Incomplete runs have neither report nor figures. Figures are those of the scenario, or one of all signals for a
-    package; they are drawn by the process if there is one. The rows of a long run that are in a file of the folder are
-    gone then. Raises InputError for a file that cannot be written.
+    package; they are drawn by the process if there is one. Those that an earlier run drew in the folder with the same
+    content stay. The rows of a long run that are in a file of the folder are gone then. Raises InputError for a file
+    that cannot be written.
     """
     complete, summary = run.recording.complete, json_values(run.summary)
     folder.begin(summary_head(run.kind, run.name, run.summary["settings"]))
     plots = _plots(run, folder.path) if figures and complete else []
+    drawings = {plot.stem.name: drawing_hash(plot) for plot in plots}
+    plots = [plot for plot in plots if not _kept(folder, plot.stem.name, drawings)]
     if plots and figure_process:
         figure_process.start(plots)
     write_formats(folder, run.recording, summary, formats)
@@ -83,11 +92,17 @@ def write_files(
         folder.write(path, content)
     if run.recording.file is not None and run.recording.file.path is not None:
         run.recording.release()
-    folder.finish(summary)
+    folder.finish({**summary, "drawings": drawings})
+
+
+def _kept(folder: ResultFolder, figure: str, drawings: Mapping[str, str]) -> bool:
+    """Keeps a figure's files of the earlier run in the folder where that run drew the same."""
+    same = folder.earlier.get("drawings", {}).get(figure) == drawings[figure]
+    return same and folder.keep(_drawn_names([figure]))
 
 
 def write_loaded(
-    run: FinishedRun, path: Path, *, figures: bool = True, report: bool = True, formats: Sequence[Format] = ("csv",)
+    run: "FinishedRun", path: Path, *, figures: bool = True, report: bool = True, formats: Sequence[Format] = ("csv",)
 ) -> None:
     """Writes a run that was loaded into the folder `path`: its results, and copies of its figures and report.
 

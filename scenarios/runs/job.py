@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from flexbeams.controller.design import Design
 from flexbeams.plant.errors import InputError
@@ -14,7 +14,6 @@ from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.variants import changed_settings
 from flexbeams.scenarios.importing.package import is_package
 from flexbeams.scenarios.processes.interrupt import deferred_interrupt
-from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.results.checks import Outcome
 from flexbeams.scenarios.results.files import json_values
 from flexbeams.scenarios.results.folder import ResultFolder
@@ -22,12 +21,15 @@ from flexbeams.scenarios.results.run import Kind, Run
 from flexbeams.scenarios.results.saturation import saturation_lines
 from flexbeams.scenarios.runs.files import figure_names, file_names, summary_head, write_files
 from flexbeams.scenarios.runs.observer import SILENT, Observer
-from flexbeams.scenarios.runs.package import ExtractedPackage, extracted_package, run_package
 from flexbeams.scenarios.runs.scenario import run_scenario
+
+if TYPE_CHECKING:
+    from flexbeams.scenarios.report.figure_process import FigureProcess
+    from flexbeams.scenarios.runs.package import ExtractedPackage
 
 OK, CHECK_FAILED, FAILED, INTERRUPTED = 0, 1, 2, 130  # exit statuses, in this order of severity
 
-Experiment = ScenarioFile | ExtractedPackage
+Experiment: TypeAlias = "ScenarioFile | ExtractedPackage"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +108,8 @@ def opened_experiment(name: str) -> Iterator[Experiment]:
     Raises InputError for what cannot be read.
     """
     if is_package(name):
+        from flexbeams.scenarios.runs.package import extracted_package
+
         with extracted_package(Path(name)) as package:
             yield package
     else:
@@ -116,13 +120,15 @@ def run_experiment(
     experiment: Experiment, settings: Settings, observer: Observer = SILENT, designs: Sequence[Design] = ()
 ) -> Run:
     """Runs a scenario or a package; raises FlexbeamsError where the run cannot start."""
-    if isinstance(experiment, ExtractedPackage):
-        return run_package(experiment, settings, observer)
-    return run_scenario(experiment, settings, observer, designs)
+    if isinstance(experiment, ScenarioFile):
+        return run_scenario(experiment, settings, observer, designs)
+    from flexbeams.scenarios.runs.package import run_package
+
+    return run_package(experiment, settings, observer)
 
 
 def run_job(
-    job: Job, observer: Observer, designs: Sequence[Design] = (), figure_process: FigureProcess | None = None
+    job: Job, observer: Observer, designs: Sequence[Design] = (), figure_process: "FigureProcess | None" = None
 ) -> JobResult:
     """Runs a job in this process and writes its files.
 

@@ -2,29 +2,44 @@
 
 import sys
 from types import TracebackType
-
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
+from typing import TYPE_CHECKING
 
 from flexbeams.plant.text import printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn, TaskID
 
 ALL = "all"  # name of the bar that counts scenarios
 
 
-def terminal_bars(*columns: ProgressColumn) -> Progress | None:
+def terminal_bars(*columns: "ProgressColumn") -> "Progress | None":
     """Bars on stderr that go when they stop; None where that is no terminal.
 
     Output to stdout, which may be a file, is not redirected.
     """
     if not sys.stderr.isatty():
         return None
+    from rich.console import Console
+    from rich.progress import Progress
+
     return Progress(
         *columns,
         console=Console(stderr=True, highlight=False),
         transient=True,
         redirect_stdout=False,
         redirect_stderr=False,
+    )
+
+
+def _scenario_bars() -> "Progress | None":
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+    return terminal_bars(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.fields[state]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
     )
 
 
@@ -35,13 +50,7 @@ class Display:
         self._names = names
         self._tasks: dict[str, TaskID] = {}
         self._ended = 0
-        self._bars = terminal_bars(
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=30),
-            TextColumn("{task.fields[state]}"),
-            TimeRemainingColumn(elapsed_when_finished=True),
-        )
+        self._bars = _scenario_bars() if sys.stderr.isatty() else None
 
     def __enter__(self) -> "Display":
         if self._bars is not None:
@@ -94,8 +103,10 @@ class Display:
             return
         self._bars.update(self._task(ALL), completed=self._ended, total=count, state=f"{self._ended} of {count} done")
 
-    def _task(self, name: str) -> TaskID:
+    def _task(self, name: str) -> "TaskID":
         assert self._bars is not None
+        from rich.markup import escape
+
         if name not in self._tasks:
             width = max(map(len, [*self._names, ALL] if len(self._names) > 1 else self._names))
             self._tasks[name] = self._bars.add_task(escape(printable(f"{name:{width}}")), total=None, state="preparing")

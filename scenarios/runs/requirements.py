@@ -203,5 +203,5 @@ def require_figures(scenario: Scenario, columns: list[str], open_loop: list[str]
 def zero_recording(scenario: Scenario, columns: list[str]) -> Recording:
     """A recording of zeros, with rows at the ends of the run and of each check's window."""
     ends = [t for c in scenario.check for t in (c.after, c.before) if t is not None]
-    time: Any = np.unique([0.0, scenario.stop_time, *ends])
+    time: Any = np.array(sorted({0.0, scenario.stop_time, *ends}))
     return Recording(time=time, columns=columns, values=np.zeros((len(time), len(columns))), wall_seconds=0.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.packaging.build import ensure_units
+from flexbeams.fmus.packaging.kept_units import ensure_units
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile, load_scenario
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.variants import changed_settings

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.controller.options import DesignOptions
-from flexbeams.fmus.packaging.build import unit_folder
+from flexbeams.fmus.packaging.kept_units import unit_folder
 from flexbeams.plant.errors import FlexbeamsError, InputError, suggestion
 from flexbeams.scenarios.definition.choices import Method
 from flexbeams.scenarios.definition.schema import Check

@@ -10,7 +10,7 @@ import pytest
 
 from flexbeams.controller.design import Design
 from flexbeams.controller.options import DesignOptions
-from flexbeams.fmus.packaging import build, cache, designs
+from flexbeams.fmus.packaging import build, cache, designs, kept_units
 from flexbeams.fmus.units.beam_plant import BEAM_PLANT
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.structure import Structure
@@ -111,7 +111,8 @@ def test_damaged_units_are_built_again(tmp_path: Path, monkeypatch: pytest.Monke
 
     def ensure() -> Path:
         notes: list[str] = []
-        return build.ensure_units({"plant": (BEAM_PLANT, model)}, design, tmp_path / "cache", notes.append)["plant"]
+        wanted = {"plant": (BEAM_PLANT, model)}
+        return kept_units.ensure_units(wanted, design, tmp_path / "cache", notes.append)["plant"]
 
     file = ensure()
     assert ensure() == file
@@ -139,12 +140,12 @@ def test_a_cache_of_others_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_the_key_names_compiler_version_platform_and_package(monkeypatch: pytest.MonkeyPatch) -> None:
     design = design_of("single_beam")
-    folders = {build.unit_folder(design, design.model(), Path("cache"))}
-    for name, value in (("compiler_version", "1.2"), ("host_name", "riscv-plan9"), ("version", "9.9")):
+    folders = {kept_units.unit_folder(design, design.model(), Path("cache"))}
+    for name, value in (("compiler_version", "1.2"), ("host_name", "riscv-plan9"), ("installed_version", "9.9")):
         with monkeypatch.context() as patch:
             patch.setattr(cache, name, lambda *_, value=value: value)
             cache.toolchain_key.cache_clear()
-            folders.add(build.unit_folder(design, design.model(), Path("cache")))
+            folders.add(kept_units.unit_folder(design, design.model(), Path("cache")))
     cache.toolchain_key.cache_clear()
     assert len(folders) == 4
 

@@ -11,7 +11,7 @@ from fmpy import extract
 
 from flexbeams import export, run
 from flexbeams.fmus.choices import Backend
-from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.errors import BuildError, InterfaceError
 from flexbeams.fmus.packaging.build import build_units
 from flexbeams.fmus.units.catalogue import CATALOGUE

@@ -403,3 +403,34 @@ def test_commands_start_without_what_they_do_not_need(code: str, absent: list[st
         env=python_environment(),
     )
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.native
+def test_a_run_loads_and_makes_only_what_is_not_there(at_run_folder: Path, tmp_path: Path) -> None:
+    """With units and figures kept, modules that build, design, draw, report or read packages stay away."""
+    arguments = ["run", "single_beam", "--stop-time", "0.01", "--no-report", "--out", str(tmp_path / "out")]
+    assert main(arguments) in (0, 1)
+    unused = [
+        "scipy",
+        "matplotlib",
+        "jinja2",
+        "pyarrow",
+        "numpy.ma",
+        "rich.progress",
+        "concurrent.futures",
+        "flexbeams.controller.computation",
+        "flexbeams.fmus.packaging.native",
+        "flexbeams.scenarios.importing.ssp",
+        "flexbeams.scenarios.report.figure_process",
+    ]
+    code = f"from flexbeams.scenarios.cli.main import main; main({arguments!r})"
+    code += f"; import sys; sys.exit(str([m for m in {unused!r} if m in sys.modules]))"
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=at_run_folder,
+        env=python_environment(),
+    )
+    assert found.stderr.splitlines()[-1] == "[]"

@@ -207,3 +207,26 @@ def test_a_package_and_a_scenario_of_one_name_are_told_apart(
     assert main(["run", str(package), *out]) == 0
     assert "replaces a run of the scenario single_beam with its own settings\n" in capsys.readouterr().err
     assert json.loads((tmp_path / "out/summary.json").read_text())["kind"] == "package"
+
+
+@pytest.mark.native
+@pytest.mark.usefixtures("at_run_folder")
+def test_a_figure_is_drawn_again_where_its_curves_or_files_changed(tmp_path: Path) -> None:
+    """The files of the earlier run stay where they are all there and would be the same."""
+    out = tmp_path / "out"
+
+    def drawn(stop_time: str) -> dict[str, tuple[bytes, int]]:
+        assert main(["run", "single_beam", "--stop-time", stop_time, "--no-report", "--out", str(out)]) in (0, 1)
+        files = sorted(p for p in out.iterdir() if p.suffix in (".png", ".svg"))
+        listed = json.loads((out / "summary.json").read_bytes())["files"]
+        assert {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}.items() <= listed.items()
+        return {p.suffix: (p.read_bytes(), p.stat().st_mtime_ns) for p in files}
+
+    first = drawn("0.52")
+    assert drawn("0.52") == first
+    next(out.glob("*.png")).unlink()
+    again = drawn("0.52")
+    assert {kind: content for kind, (content, _) in again.items()} == {kind: c for kind, (c, _) in first.items()}
+    assert all(again[kind][1] > first[kind][1] for kind in first)
+    longer = drawn("0.54")
+    assert all(longer[kind][0] != first[kind][0] for kind in first)

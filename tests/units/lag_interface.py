@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array, matrix
 from flexbeams.fmus.packaging.python import PythonUnit
 from flexbeams.fmus.units.kind import UnitKind

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from flexbeams.controller.design import Design
-from flexbeams.fmus.documents.documentation import Chapter
+from flexbeams.fmus.documents.chapter import Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.experiments import Experiment, Series, names_of
 from flexbeams.fmus.units.kind import UnitKind, design_id_variable
