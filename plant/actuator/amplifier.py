@@ -101,11 +101,12 @@ class Channel:
         """The voltage at which the slope of h over v changes next in a direction, and the slope up to there."""
         o, v = self.operators, self.voltage
         z = float(superposition(o, self.plays)[0])
+        size = float(np.sum(o.play_weight[0] * np.abs(self.plays[0])))  # of the terms of z, which may cancel
         contact = self.plays[0] + direction * o.play_threshold[0]
         apart = direction * (contact - v) > SAME * (np.abs(contact) + abs(v))
         gain = float(np.sum(o.play_weight[0][~apart]))
         threshold = o.dead_zone_threshold[0]
-        ahead = direction * (threshold - z) > SAME * (np.abs(threshold) + abs(z))
+        ahead = direction * (threshold - z) > SAME * (np.abs(threshold) + size)
         acting = ahead != ((threshold >= 0.0) == (direction > 0.0))
         bends = [*contact[apart].tolist(), *(v + (threshold[ahead] - z) / gain).tolist()]
         nearest = min(bends, key=lambda bend: abs(bend - v), default=direction * math.inf)

@@ -55,18 +55,21 @@ def test_a_strain_beyond_the_limit_has_no_share_in_the_estimate(units: BuiltUnit
     )
 
 
-def test_a_gauge_that_stays_beyond_ends_the_run(units: BuiltUnits) -> None:
+@pytest.mark.parametrize("gauge", [1, 3, 6])
+def test_a_gauge_that_stays_beyond_ends_the_run(units: BuiltUnits, gauge: int) -> None:
     """With the rejected_limit-th sample in a row; one good sample in between starts the count again."""
     with loaded(units("TrackingController")) as unit:
         unit.begin(rejected_limit=7)
-        bad = np.array([0.0, 0.0, -0.11, 0.0, 0.0, 0.0])
+        bad = np.where(np.arange(1, 7) == gauge, -0.11, 0.0)
         for _ in range(6):
             unit.advance(SAMPLE, y_pm=bad)
         unit.advance(SAMPLE, y_pm=0.0)
         for _ in range(6):
             unit.advance(SAMPLE, y_pm=bad)
         before = unit.take("u", "y_est", "x_est")
-        rule = r"y_pm\[3\] has been beyond strain_limit 0\.1 for 7 samples in a row \(rejected_limit\), got -0\.11"
+        rule = (
+            rf"y_pm\[{gauge}\] has been beyond strain_limit 0\.1 for 7 samples in a row \(rejected_limit\), got -0\.11"
+        )
         with pytest.raises(UnitFailure, match=rule):
             unit.advance(SAMPLE)
         np.testing.assert_array_equal(unit.take("u", "y_est", "x_est"), before)

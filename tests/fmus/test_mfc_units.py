@@ -13,6 +13,7 @@ from tests.native.workshop import native_folder, needs_zig
 from tests.units.loaded import Loaded, Real, loaded
 
 STEP = 2e-4
+ZONES = {"dead_zone_threshold[2,2]": 0.0, "dead_zone_threshold[3,2]": -200.0, "dead_zone_slope[3,2]": -0.1}
 STATES = int(os.environ.get("FLEXBEAMS_STATES", "500"))  # 10000 for the full proof
 
 
@@ -33,10 +34,10 @@ def wanted(seed: int, steps: int) -> Real:
 def test_one_after_the_other_they_are_the_identity(units: BuiltUnits, sequential: bool) -> None:
     """From the state after a common history; one step of delay more where all read before all step.
 
-    A dead zone of the second patch begins at zero.
+    A dead zone of the second patch begins at zero, both of the third are on one side.
     """
     history = {"history[1,1]": 900.0, "history[1,2]": -500.0, "history[1,4]": 300.0, "history[3,4]": -250.0}
-    history |= {"dead_zone_threshold[2,2]": 0.0}
+    history |= ZONES
     targets = wanted(1, 250)
     with pair(units) as (compensator, actuator):
         compensator.begin(**history)
@@ -153,6 +154,10 @@ def test_states_at_random_times_continue_bit_for_bit(unit: str) -> None:
             r"dead_zone_slope\[4,1\] must leave the sum of slopes 1 \+ ... beyond its threshold > 0, else there is no "
             r"inverse, got a sum of -0.25",
         ),
+        (
+            {"dead_zone_threshold[1,2]": -400.0, "dead_zone_slope[1,1]": 1.0, "dead_zone_slope[1,2]": -1.5},
+            r"dead_zone_slope\[1,2\] must leave the sum of slopes .* > 0, else there is no inverse, got a sum of -0.5",
+        ),
         ({"supply[3]": 1500.0}, r"supply\[3\] must be between the faces' limits -500.0 and 1500.0, got 1500.0"),
         ({"history[2,4]": -1001.0}, r"history\[2,4\] must be within the amplifier's limit 1000.0, got -1001.0"),
     ],
@@ -185,8 +190,12 @@ def test_both_kernels_agree() -> None:
     """Over steps of several sizes, with amplifier and history, to 1e-12 of the largest voltage."""
     rng = np.random.default_rng(6)
     for unit, name, output in (("MfcActuator", "u", "u_eff"), ("MfcCompensator", "u_eff", "u")):
-        starts = {"history[1,3]": 700.0, "history[2,4]": -300.0}
-        starts |= {"lag[1]": 1e-3, "slew_rate[2]": 1e5, "lag[3]": 1e-3, "slew_rate[3]": 2e5} if name == "u" else {}
+        starts = {"history[1,3]": 700.0, "history[2,4]": -300.0, **ZONES}
+        starts |= (
+            {"lag[1]": 1e-3, "slew_rate[2]": 1e5, "lag[2]": 1e-3, "lag[3]": 1e-3, "slew_rate[3]": 2e5}
+            if name == "u"
+            else {}
+        )
         with loaded(native_folder(unit)) as native, loaded(Workshop().folder(unit)) as python:
             native.begin(**starts)
             python.begin(**starts)

@@ -56,7 +56,9 @@ static double next_bend(const MfcChannel *channel, double v, double direction, d
     const double z = mfc_superposition(channel);
     double bend = direction * HUGE_VAL;
     double gain = channel->linear_weight;
+    double size = channel->linear_weight * fabs(v); /* of the terms of z, which may cancel */
     for (size_t i = 0; i < channel->plays; i++) {
+        size += channel->play_weight[i] * fabs(channel->play[i]);
         const double contact = channel->play[i] + direction * channel->play_threshold[i];
         if (direction * (contact - v) > SAME * (fabs(contact) + fabs(v)))
             keep_nearest(&bend, contact, direction);
@@ -66,7 +68,7 @@ static double next_bend(const MfcChannel *channel, double v, double direction, d
     double sum = 0.0;
     for (size_t j = 0; j < channel->dead_zones; j++) {
         const double threshold = channel->dead_zone_threshold[j];
-        const bool ahead = direction * (threshold - z) > SAME * (fabs(threshold) + fabs(z));
+        const bool ahead = direction * (threshold - z) > SAME * (fabs(threshold) + size);
         if (ahead)
             keep_nearest(&bend, v + (threshold - z) / gain, direction);
         if (ahead != ((threshold >= 0.0) == (direction > 0.0)))
