@@ -109,18 +109,21 @@ class UnitInstance:
         except Exception as error:  # FMPy and the loader raise various errors
             raise UnitFailure(name, 0.0, "loading its library", str(error)) from None
         try:
-            # Units with the standard's log categories log errors; others may log every step
-            categories = {category.name for category in description.logCategories}
-            self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in categories)
+            self._instantiate()
         except Exception as error:  # FMPy raises Exception itself
             self._fmu.freeLibrary()
             self._release_logger()
             raise UnitFailure(name, 0.0, "fmi2Instantiate", self.last_error or str(error)) from None
-        self.component = self._fmu.component
         self._functions = {}
         for function, types in _FUNCTIONS.items():
             self._functions[function] = self._fmu.dll[function]
             self._functions[function].argtypes = types
+
+    def _instantiate(self) -> None:
+        # Units with the standard's log categories log errors; others may log every step
+        categories = {category.name for category in self.description.logCategories}
+        self._fmu.instantiate(callbacks=self._callbacks, loggingOn="logStatusWarning" in categories)
+        self.component = self._fmu.component
 
     def _log(self, _: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         self._receive(status, message)

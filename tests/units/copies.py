@@ -1,23 +1,16 @@
-"""Copies of an instance in a process of their own: what saved states and what followed them give there.
+"""Copies of an instance in a process of their own: what saved states and what followed them give there."""
 
-    python -m tests.units.copies FILE
-
-FILE is a pickle of the unit's folder and of cases: a serialised state, the host's time, and actions. In its place comes
-one of every value that each case ends with.
-"""
-
-import os
-import pickle
-import subprocess
-import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from tests.units.loaded import Loaded, Real, loaded
 
 Story = list[tuple[str, Any]]
-Case = tuple[bytes, float, Story]
+Case = tuple[bytes, float, Story]  # a serialised state, the host's time, and the actions that follow
 
 
 def replay(unit: Loaded, story: Story) -> Loaded:
@@ -32,27 +25,26 @@ def replay(unit: Loaded, story: Story) -> Loaded:
     return unit
 
 
-def in_second_process(folder: Path, cases: Sequence[Case], file: Path) -> list[Real]:
-    """Every value that an instance ends with in another process, for each case; `file` is written."""
-    file.write_bytes(pickle.dumps((folder, list(cases))))
-    command = [sys.executable, "-m", __name__, str(file)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    )
-    assert done.returncode == 0, done.stderr[-4000:]
-    results: list[Real] = pickle.loads(file.read_bytes())
-    return results
+def ends_of(folder: Path, cases: Sequence[Case]) -> tuple[list[Real], int]:
+    """Every value that an instance ends with, for each case, and the number of its FMI calls.
 
-
-def main(file: Path) -> None:
-    folder, cases = pickle.loads(file.read_bytes())
-    results = []
+    A state is restored over what the case before has left, or just after the instantiation, in turn.
+    """
     with loaded(folder) as unit:
-        for content, now, story in cases:
+        results = []
+        for k, (content, now, story) in enumerate(cases):
+            if k % 2:
+                unit.renew()
             unit.restore(content).now = now
             results.append(replay(unit, story).everything())
-    file.write_bytes(pickle.dumps(results))
+        return results, unit.calls
 
 
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+@cache
+def _second_process() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+
+
+def in_second_process(folder: Path, cases: Sequence[Case]) -> tuple[list[Real], int]:
+    """`ends_of` in another process, one for all calls; it starts with the first."""
+    return _second_process().submit(ends_of, folder, cases).result()

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from contextlib import closing
+from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from fmpy import read_model_description
@@ -13,40 +14,92 @@ from flexbeams.scenarios.definition.declaration import element_names
 from flexbeams.scenarios.simulation.instance import UnitInstance
 
 Real = NDArray[np.float64]
+_KINDS: dict[str, type] = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32}
+
+
+class Access(NamedTuple):
+    """Variables of one type, with what a call that sets or gets them takes."""
+
+    name: str  # of the call, as FMPy has it
+    function: str
+    arguments: tuple[int, int, int]  # addresses of references and values with their number between
+    references: NDArray[np.uint32]
+    values: NDArray[Any]
+
+
+@cache
+def _description(folder: Path, written: int) -> Any:
+    return read_model_description(folder, validate=False)
 
 
 class Loaded(UnitInstance):
-    """An instance of the FMU extracted to `folder`; what the unit logs stands in `notes`. Use it with `with`."""
+    """An instance of the FMU extracted to `folder`; what the unit logs stands in `notes`. Use it with `with`.
+
+    Values go through arrays that are made once for a name: FMPy's own calls cost more than the unit's. `calls` counts
+    those of FMI functions.
+    """
 
     def __init__(self, folder: Path, name: str = "unit") -> None:
         self.notes: list[str] = []
-        self._known: dict[str, list[str]] = {}  # elements by the name of their array
-        super().__init__(name, folder, read_model_description(folder, validate=False), self.notes.append)
+        self.calls = 0
+        self._accesses: dict[tuple[str, ...], Access] = {}
+        description = _description(folder, (folder / "modelDescription.xml").stat().st_mtime_ns)
+        super().__init__(name, folder, description, self.notes.append)
+        self._numbers = [v for v in self.variables.values() if v.type != "String"]
+        places = {kind: [k for k, v in enumerate(self._numbers) if v.type == kind] for kind in _KINDS}
+        self._places = [
+            (np.array(of_kind), self._access("get", kind, [self._numbers[k].name for k in of_kind]))
+            for kind, of_kind in places.items()
+            if of_kind
+        ]
+
+    def renew(self) -> Self:
+        """Another instance, just instantiated, in place of this one; the library stays loaded."""
+        self._fmu.fmi2FreeInstance(self.component)
+        self._instantiate()
+        self.calls += 2
+        return self
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        self.calls += 1
+        return super().call(function, *arguments)
 
     def put(self, name: str, values: float | bool | Sequence[float] | Real) -> None:
         """Sets a variable, or every element of an array."""
-        names = self._elements(name)
-        listed = np.broadcast_to(np.asarray(values), len(names)).tolist()
-        kind = self.variables[names[0]].type
-        self.call(
-            f"set{kind}",
-            [self.variables[n].valueReference for n in names],
-            listed if kind == "Real" else [int(v) for v in listed],
-        )
+        access = self._access_of("set", name)
+        access.values[:] = values
+        self._transfer(access)
 
     def take(self, *names: str) -> Real:
         """Values of variables and whole arrays, one after the other."""
         return np.concatenate([self._take(name) for name in names])
 
-    def _elements(self, name: str) -> list[str]:
-        if name not in self._known:
-            self._known[name] = element_names(self.variables, name)
-        return self._known[name]
-
     def _take(self, name: str) -> Real:
-        names = self._elements(name)
-        references = [self.variables[n].valueReference for n in names]
-        return np.array(self.call(f"get{self.variables[names[0]].type}", references), dtype=float)
+        return self._transfer(self._access_of("get", name)).astype(float)
+
+    def _access_of(self, verb: str, name: str) -> Access:
+        key = (verb, name)
+        if key not in self._accesses:
+            names = element_names(self.variables, name)
+            self._accesses[key] = self._access(verb, self.variables[names[0]].type, names)
+        return self._accesses[key]
+
+    def _access(self, verb: str, kind: str, names: list[str]) -> Access:
+        references = np.array([self.variables[n].valueReference for n in names], dtype=np.uint32)
+        values = np.zeros(len(names), _KINDS[kind])
+        return Access(
+            name=f"{verb}{kind}",
+            function=f"fmi2{verb.capitalize()}{kind}",
+            arguments=(references.ctypes.data, len(names), values.ctypes.data),
+            references=references,
+            values=values,
+        )
+
+    def _transfer(self, access: Access) -> NDArray[Any]:
+        self.calls += 1
+        self.last_error = ""
+        self._require(access.name, self._functions[access.function](self.component, *access.arguments))
+        return access.values
 
     def begin(self, start_time: float = 0.0, **values: Any) -> Self:
         """From instantiation through initialisation, with these start values."""
@@ -71,14 +124,15 @@ class Loaded(UnitInstance):
         self.now += step
         return self
 
+    def step(self, time: float, step: float) -> None:
+        self.calls += 1
+        super().step(time, step)
+
     def everything(self) -> Real:
         """Every value but texts, in the order of the value references."""
-        numbers = [v for v in self.variables.values() if v.type != "String"]
-        values = np.empty(len(numbers))
-        for kind in ("Real", "Integer", "Boolean"):
-            places = [k for k, v in enumerate(numbers) if v.type == kind]
-            if places:
-                values[places] = self.call(f"get{kind}", [numbers[k].valueReference for k in places])
+        values = np.empty(len(self._numbers))
+        for places, access in self._places:
+            values[places] = self._transfer(access)
         return values
 
     def saved(self) -> bytes:
@@ -96,6 +150,7 @@ class Loaded(UnitInstance):
             self.call("setFMUstate", state)
         finally:
             self._fmu.freeFMUstate(state)
+            self.calls += 1
         self.now = float(self.take("time")[0])
         return self
 
