@@ -53,8 +53,8 @@ def documentation_page(interface: Interface, picture: bytes, chapter: Chapter) -
         f"<p>{chapter.clock.format(interface.step_size)} Outputs change in fmi2DoStep only.</p>",
         "<h2>Errors and log</h2>",
         "<p>A refused call returns fmi2Error and writes one line that names function, variable and value. Getters and "
-        "setters that are refused change nothing; after any other refused call no step is done until fmi2Reset or "
-        "fmi2SetFMUstate. Categories of the log:</p>",
+        "setters that are refused change nothing; after any other refused call neither ends the initialisation nor "
+        "is a step done until fmi2Reset or fmi2SetFMUstate. Categories of the log:</p>",
         table(("category", "lines"), LOG_CATEGORIES.items()),
         "<h2>Contents</h2>",
         "<p>The unit needs nothing but itself. <code>sources</code> holds all of it in strict C99: "

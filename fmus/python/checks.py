@@ -18,6 +18,12 @@ def require_phase(function: str, needed: int, phase: int) -> None:
         raise UnitError(f"{function} needs an instance {PHASES[needed]}, this one is {PHASES[phase]}")
 
 
+def require_sound(function: str, failure: str | None) -> None:
+    """UnitError for a call of an instance that has failed."""
+    if failure is not None:
+        raise UnitError(f"{function} is refused until fmi2Reset or fmi2SetFMUstate, the instance failed: {failure}")
+
+
 def variable_of(variables: Sequence[dict[str, Any]], reference: int, kind: str) -> dict[str, Any]:
     """The variable of a value reference; CallError where there is none or it is not of the type `kind`."""
     if not 0 <= reference < len(variables):

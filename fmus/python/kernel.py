@@ -60,7 +60,7 @@ class Kernel(ABC):
         """
 
     def restore(self) -> None:  # noqa: B027 (optional)
-        """After values and state arrays were replaced by saved ones: rebuild what derives from them.
+        """After values and state arrays were replaced by those of an initialised unit: rebuild what derives from them.
 
         UnitError, by `_refuse_state`, for contents that no saved state has.
         """

@@ -43,25 +43,26 @@ class MfcChannels(Unit):
     def restore(self) -> None:
         """Operators and limits of the saved parameters."""
         self._take_parameters()
+        self._require_rules()
         if not (np.isfinite(self._plays).all() and np.isfinite(self._creeps).all()):
             self._refuse_state()
 
-    def _broken_rule(self) -> str | None:
-        """What the parameters break, in a line."""
-        return broken_rule(self._operators, lambda key, k, j: f"{key}[{k + 1},{j + 1}]")
-
-    def _start(self) -> NDArray[np.float64]:
-        """The states after the history; returns its last voltages, under which the patches rest."""
-        self._take_parameters()
-        if rule := self._broken_rule():
+    def _require_rules(self) -> None:
+        """UnitError where the parameters break a rule."""
+        if rule := broken_rule(self._operators, lambda key, k, j: f"{key}[{k + 1},{j + 1}]"):
             raise UnitError(rule)
-        limits = self._limits
-        for k, limit in enumerate(limits.tolist()):
+        for k, limit in enumerate(self._limits.tolist()):
             if not limit > 0.0:
                 supply, low, high = (float(self.view(name)[k]) for name in ("supply", "face_minimum", "face_maximum"))
                 raise UnitError(
                     f"supply[{k + 1}] must be between the faces' limits {low!r} and {high!r}, got {supply!r}"
                 )
+
+    def _start(self) -> NDArray[np.float64]:
+        """The states after the history; returns its last voltages, under which the patches rest."""
+        self._take_parameters()
+        self._require_rules()
+        limits = self._limits
         last = start_from(self._operators, self._history, self._plays, self._creeps)
         for k, (voltage, limit) in enumerate(zip(last.tolist(), limits.tolist(), strict=True)):
             if abs(voltage) > limit:

@@ -23,10 +23,9 @@ class MfcCompensator(MfcChannels, Unit):
         self._inverse = invert(self._operators)
 
     def restore(self) -> None:
-        """A state from before the end of the initialisation may have parameters without an inverse."""
+        """And the inverse."""
         super().restore()
-        if self._broken_rule() is None:
-            self._inverse = invert(self._operators)
+        self._inverse = invert(self._operators)
 
     def advance(self, time: float, step: float) -> None:
         """The last commands held for `step` s; the next ones, for another step of this size."""

@@ -35,6 +35,7 @@ from flexbeams.fmus.python.checks import (
     common_bounds,
     require_phase,
     require_settable,
+    require_sound,
     variable_of,
 )
 from flexbeams.fmus.python.kernel import CallError, Kernel, UnitError, failure_text, one_line
@@ -101,14 +102,14 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
     def exit_initialization_mode(self) -> None:
         """fmi2ExitInitializationMode: first state and outputs."""
         require_phase("fmi2ExitInitializationMode", INITIALISING, self._phase)
+        require_sound("fmi2ExitInitializationMode", self._failure)
         self._refresh()
         self._enter(STEPPING)
 
     @entry
     def do_step(self, current_time: float, step_size: float) -> bool:
         """fmi2DoStep from `current_time` by `step_size` (s)."""
-        if self._failure is not None:
-            raise UnitError(f"fmi2DoStep is refused until fmi2Reset, the instance failed: {self._failure}")
+        require_sound("fmi2DoStep", self._failure)
         require_phase("fmi2DoStep", STEPPING, self._phase)
         clock = self.clock
         if (refusal := clock.refusal(current_time, step_size, self._tables.step_size)) is not None:
@@ -215,7 +216,8 @@ class Unit(Kernel, Fmi2Slave):  # type: ignore[misc]
         self._texts = dict(zip(self._texts, texts, strict=True))
         self._stale = True
         self._enter(phase)
-        self.restore()
+        if phase >= STEPPING:
+            self.restore()
 
     @staticmethod
     def _fmu_state_to_bytes(state: object) -> bytes:

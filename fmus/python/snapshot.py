@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import struct
+import sys
 import zlib
 from collections.abc import Sequence
 from typing import Any
@@ -69,20 +69,28 @@ def is_plausible(
 ) -> bool:
     """Whether a unit can have saved this: the clock's fields, the values, then its state arrays.
 
-    The clock and the variable time agree, what can be set is within its bounds, integers convert; all is finite
-    unless a step failed.
+    The clock and the variable time agree, what can be set is within its bounds, Integers and Booleans are such; all is
+    finite unless a step failed.
     """
     clock = Clock()
     clock.fields[:] = arrays[0]
     values = arrays[1].tolist()
-    if phase > TERMINATED or not clock.is_valid() or values[0] != clock.start + clock.elapsed:
+    return (
+        phase <= TERMINATED
+        and clock.is_valid()
+        and values[0] == clock.start + clock.elapsed
+        and all(_is_possible(variable, value) for variable, value in zip(variables, values, strict=True))
+        and (failed or all(np.isfinite(array).all() for array in arrays))
+    )
+
+
+def _is_possible(variable: dict[str, Any], value: float) -> bool:
+    """Whether a variable can have this value."""
+    if variable["type"] == "Boolean":
+        return value in (0.0, 1.0)
+    if variable["type"] == "Integer" and not (abs(value) <= LARGEST_INTEGER and value.is_integer()):
         return False
-    for variable, value in zip(variables, values, strict=True):
-        low, high = -math.inf, math.inf
-        if variable["causality"] in ("input", "parameter"):
-            low, high = variable.get("minimum", low), variable.get("maximum", high)
-        if variable["type"] == "Integer":
-            low, high = max(low, -LARGEST_INTEGER), min(high, LARGEST_INTEGER)
-        if not low <= value <= high and variable["type"] != "String" and not (failed and math.isnan(value)):
-            return False
-    return failed or all(np.isfinite(array).all() for array in arrays)
+    if variable["type"] == "String" or variable["causality"] not in ("input", "parameter"):
+        return True
+    largest = sys.float_info.max
+    return bool(variable.get("minimum", -largest) <= value <= variable.get("maximum", largest))

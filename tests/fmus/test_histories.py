@@ -364,7 +364,7 @@ def folder_of(backend: str, unit: str) -> Path:
 def live(instance: Loaded, fresh: Loaded, unit: str, seed: int) -> History:
     """A history of an instance; compared on the way with one that is made anew and goes through the story alone."""
     rows, names = [], []
-    calls = instance.calls + fresh.calls
+    calls = instance.call_count + fresh.call_count
     life, times = Life(instance.renew(), PROFILES[unit], np.random.default_rng(seed)), part_times(instance)
     life.begin()
     for k in range(LENGTH):
@@ -375,7 +375,7 @@ def live(instance: Loaded, fresh: Loaded, unit: str, seed: int) -> History:
             replay(fresh.renew(), life.story)
             assert_same(fresh.everything(), rows[-1], times, f"seed {seed}, after action {k}, {action}")
     life.end_copies()
-    return History(names, np.array(rows), life.copies, times, instance.calls + fresh.calls - calls)
+    return History(names, np.array(rows), life.copies, times, instance.call_count + fresh.call_count - calls)
 
 
 @cache
@@ -448,7 +448,9 @@ def test_as_many_calls_as_wanted(unit: str) -> None:
                 calls += other.calls
                 worst = max(worst, difference(batch[0], other))
             first += 100
-    print(f"{unit}: {first - max(SEEDS) - 1} histories, {calls} calls, kernels differ by {worst:.1e}")
+            count = first - max(SEEDS) - 1
+            print(f"\r{unit}: {count} histories, {calls} calls, kernels differ by {worst:.1e}", end="", flush=True)
+    print()
     assert worst < KERNELS
 
 

@@ -202,7 +202,9 @@ def test_misuse_is_refused_with_one_line(
             assert after_a_step(one, phase) == untouched(unit)
         elif function[3:] != "Real":
             assert one.call("doStep", 0.0, SAMPLE) == ERROR
-            assert one.lines[0][3] == f"fmi2DoStep is refused until fmi2Reset, the instance failed: {reason}"
+            assert one.lines[0][3] == (
+                f"fmi2DoStep is refused until fmi2Reset or fmi2SetFMUstate, the instance failed: {reason}"
+            )
         assert one.call("reset") == OK
         assert after_a_step(one) == untouched(unit)
 

@@ -37,7 +37,7 @@ def ends_of(folder: Path, cases: Sequence[Case]) -> tuple[list[Real], int]:
                 unit.renew()
             unit.restore(content).now = now
             results.append(replay(unit, story).everything())
-        return results, unit.calls
+        return results, unit.call_count
 
 
 @cache

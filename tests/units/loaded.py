@@ -35,13 +35,13 @@ def _description(folder: Path, written: int) -> Any:
 class Loaded(UnitInstance):
     """An instance of the FMU extracted to `folder`; what the unit logs stands in `notes`. Use it with `with`.
 
-    Values go through arrays that are made once for a name: FMPy's own calls cost more than the unit's. `calls` counts
-    those of FMI functions.
+    Values go through arrays that are made once for a name: FMPy's own calls cost more than the unit's. `call_count`
+    is the number of FMI calls.
     """
 
     def __init__(self, folder: Path, name: str = "unit") -> None:
         self.notes: list[str] = []
-        self.calls = 0
+        self.call_count = 0
         self._accesses: dict[tuple[str, ...], Access] = {}
         description = _description(folder, (folder / "modelDescription.xml").stat().st_mtime_ns)
         super().__init__(name, folder, description, self.notes.append)
@@ -57,11 +57,11 @@ class Loaded(UnitInstance):
         """Another instance, just instantiated, in place of this one; the library stays loaded."""
         self._fmu.fmi2FreeInstance(self.component)
         self._instantiate()
-        self.calls += 2
+        self.call_count += 2
         return self
 
     def call(self, function: str, *arguments: Any) -> Any:
-        self.calls += 1
+        self.call_count += 1
         return super().call(function, *arguments)
 
     def put(self, name: str, values: float | bool | Sequence[float] | Real) -> None:
@@ -96,7 +96,7 @@ class Loaded(UnitInstance):
         )
 
     def _transfer(self, access: Access) -> NDArray[Any]:
-        self.calls += 1
+        self.call_count += 1
         self.last_error = ""
         self._require(access.name, self._functions[access.function](self.component, *access.arguments))
         return access.values
@@ -125,7 +125,7 @@ class Loaded(UnitInstance):
         return self
 
     def step(self, time: float, step: float) -> None:
-        self.calls += 1
+        self.call_count += 1
         super().step(time, step)
 
     def everything(self) -> Real:
@@ -150,7 +150,7 @@ class Loaded(UnitInstance):
             self.call("setFMUstate", state)
         finally:
             self._fmu.freeFMUstate(state)
-            self.calls += 1
+            self.call_count += 1
         self.now = float(self.take("time")[0])
         return self
 

@@ -222,10 +222,20 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component component)
     return fmi2OK;
 }
 
+/* Has no call failed? If one has, this one is refused. */
+static bool require_sound(Instance *instance)
+{
+    if (instance->now.failure[0] == '\0')
+        return true;
+    refuse(instance, "%s is refused until fmi2Reset or fmi2SetFMUstate, the instance failed: %s", instance->function,
+           instance->now.failure);
+    return false;
+}
+
 fmi2Status fmi2ExitInitializationMode(fmi2Component component)
 {
     Instance *const instance = begin_call(component, "fmi2ExitInitializationMode");
-    if (instance == NULL || !require(instance, INITIALISING) || !refresh(instance) ||
+    if (instance == NULL || !require(instance, INITIALISING) || !require_sound(instance) || !refresh(instance) ||
         !unit_prepare(&instance->unit, instance->unit.step_size))
         return fmi2Error;
     instance->now.phase = STEPPING;
@@ -281,11 +291,7 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step, fmi
         return fmi2Error;
     Condition *const now = &instance->now;
     UnitInstance *const unit = &instance->unit;
-    if (now->failure[0] != '\0')
-        return refuse(instance, "fmi2DoStep is refused until fmi2Reset, the instance failed: %s", now->failure);
-    if (!require(instance, STEPPING))
-        return fmi2Error;
-    if (!check_step(instance, time, step))
+    if (!require_sound(instance) || !require(instance, STEPPING) || !check_step(instance, time, step))
         return fmi2Error;
     const size_t count = instance->description->variable_count;
     double *const slopes = unit->values + count;

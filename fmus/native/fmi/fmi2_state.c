@@ -218,7 +218,7 @@ static Clock read_clock(const unsigned char *bytes)
 }
 
 /* Can a unit have saved these bytes? Its clock and the variable time agree, whatever could be set must be within its
-   bounds, integers convert; all is finite unless a step failed. */
+   bounds, Integers and Booleans are such; all is finite unless a step failed. */
 static bool is_plausible(const UnitDescription *unit, const unsigned char *bytes, size_t saved_count)
 {
     const Clock clock = read_clock(bytes);
@@ -227,9 +227,12 @@ static bool is_plausible(const UnitDescription *unit, const unsigned char *bytes
                memchr(bytes + FAILURE_AT, '\0', TEXT_SIZE) != NULL;
     for (size_t k = 0; k < unit->variable_count; k++) {
         const double value = read_real(bytes + HEADER_SIZE + 8 * k);
+        const unsigned type = unit->kinds[k] & TYPE_MASK;
         const unsigned causality = unit->kinds[k] >> CAUSALITY_SHIFT & CAUSALITY_MASK;
-        if ((unit->kinds[k] & TYPE_MASK) == INTEGER)
-            all = all && fabs(value) <= INT_MAX;
+        if (type == INTEGER)
+            all = all && fabs(value) <= INT_MAX && floor(value) == value;
+        if (type == BOOLEAN)
+            all = all && (value == 0.0 || value == 1.0);
         if (causality == INPUT || causality == PARAMETER)
             all = all && value >= unit->variables[k].minimum && value <= unit->variables[k].maximum;
     }

@@ -174,7 +174,8 @@ static bool mfc_actuator_advance(UnitInstance *unit, double time, double step)
 
 static bool mfc_actuator_restore(UnitInstance *unit)
 {
-    return mfc_restore(unit, mfc_actuator_state_size(unit->data));
+    const MfcActuatorData *const actuator = unit->data;
+    return mfc_restore(unit, &actuator->parameters);
 }
 
 INTERNAL_DATA const UnitHooks mfc_actuator_hooks = {

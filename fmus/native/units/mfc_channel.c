@@ -232,8 +232,11 @@ void mfc_count_saturated(UnitInstance *unit, const MfcParameters *parameters, co
         *count += 1.0;
 }
 
-bool mfc_restore(UnitInstance *unit, size_t size)
+bool mfc_restore(UnitInstance *unit, const MfcParameters *parameters)
 {
-    return all_within(size, unit->state, -DBL_MAX, DBL_MAX) ||
+    for (size_t k = 0; k < parameters->channels; k++)
+        if (!check_channel(unit, parameters, k))
+            return false;
+    return all_within(mfc_state_size(parameters), unit->state, -DBL_MAX, DBL_MAX) ||
            unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }

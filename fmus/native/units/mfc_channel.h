@@ -71,7 +71,7 @@ INTERNAL void mfc_relax(const MfcChannel *channel, double hysteresis, double ste
 INTERNAL void mfc_begin_count(UnitInstance *unit, const MfcParameters *parameters);
 INTERNAL void mfc_count_saturated(UnitInstance *unit, const MfcParameters *parameters, const char *name, double asked,
                                   double limit, double time);
-/* Are these doubles what a state can have? */
-INTERNAL bool mfc_restore(UnitInstance *unit, size_t size);
+/* Are parameters and state what a saved state can have? */
+INTERNAL bool mfc_restore(UnitInstance *unit, const MfcParameters *parameters);
 
 #endif

@@ -138,7 +138,8 @@ static bool mfc_compensator_advance(UnitInstance *unit, double time, double step
 
 static bool mfc_compensator_restore(UnitInstance *unit)
 {
-    if (!mfc_restore(unit, mfc_compensator_state_size(unit->data)))
+    const MfcCompensatorData *const compensator = unit->data;
+    if (!mfc_restore(unit, &compensator->parameters))
         return false;
     invert_dead_zones(unit);
     return true;
