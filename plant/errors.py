@@ -16,7 +16,7 @@ class FlexbeamsError(Exception):
     """Base of all errors that a user can fix; the text is one line of printable characters."""
 
     def __str__(self) -> str:
-        return printable(" ".join(super().__str__().splitlines()))
+        return printable(" ".join(Exception.__str__(self).splitlines()))
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]:
         """To pass to another process: made of its text and attributes, whatever the arguments of its class."""

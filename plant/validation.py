@@ -103,6 +103,8 @@ def _one_line(error: ValidationError, kind: type, source: str) -> InputError:
     if fault["type"] == "literal_error" and isinstance(value, str):
         near = get_close_matches(value, fault["ctx"]["expected"].split("'")[1::2], n=1, cutoff=0.5)
         rule += f"; did you mean {near[0]!r}?" if near else ""
+    if fault["type"] in ("list_type", "tuple_type") and isinstance(value, dict):
+        return InputError(key, f"must be a list: [[{key}]] begins each of its tables", source=source)
     displayed = value if isinstance(value, (str, int, float, bool, list)) else type(value).__name__
     return InputError(key, rule, displayed, source=source)
 

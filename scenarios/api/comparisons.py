@@ -5,6 +5,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
+from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.api.arguments import require_number
 from flexbeams.scenarios.results.compare import Comparison as ComparedRuns
 from flexbeams.scenarios.results.compare import compare as read_runs
 from flexbeams.scenarios.results.differences import (
@@ -104,5 +106,8 @@ def compare(
     >>> comparison.holds, comparison.settings
     (False, {'coupling': ['jacobi', 'gauss-seidel']})
     """
+    require_number("tolerance", tolerance)
+    if tolerance is not None and not tolerance > 0:
+        raise InputError("tolerance", "must be > 0", tolerance)
     read = read_runs([r.as_finished() if isinstance(r, RunView) else Path(r) for r in runs], names, units, notify)
     return Comparison(**{f.name: getattr(read, f.name) for f in fields(read)}, tolerance=tolerance)

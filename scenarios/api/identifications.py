@@ -4,12 +4,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from flexbeams.plant.basis import Array
-from flexbeams.plant.choices import BasisName
+from flexbeams.plant.choices import BASES, BasisName
 from flexbeams.plant.errors import InputError, suggestion
 from flexbeams.plant.identification.contradictions import require_consistent
 from flexbeams.plant.identification.estimate import Loss, Settings
@@ -24,6 +24,7 @@ from flexbeams.plant.identification.steps_result import identify_in_steps
 from flexbeams.plant.identification.writing import write_identified
 from flexbeams.plant.static_maps import StaticMaps
 from flexbeams.plant.structure import Structure, find_structure, read_structure
+from flexbeams.scenarios.api.arguments import require_choices
 from flexbeams.scenarios.report.identification import write_identification
 from flexbeams.scenarios.runs.observer import ignore_note
 
@@ -117,19 +118,16 @@ def identify(
     >>> f"{result.structure.beam[0].youngs_modulus:.3g}"
     '6.3e+10'
     """
+    require_choices(steps=(steps, get_args(Steps)), loss=(loss, get_args(Loss)), basis=(basis, BASES))
     start = find_structure(str(structure))
     beams = read_structure(start)
     experiments = _experiments(beams, reading_of(columns or {}, window), files, hold_back, uncoupled, free_start)
     experiments = _without_offsets(experiments, of_sensors(beams, offsets or {}, "--offset", None))
     space = space_of(beams, known or {}, fixed, free, priors or {}, bounds or {})
     require_plausible(beams, experiments, space.names)
-    settings = Settings(
-        loss=loss,
-        weights=of_sensors(beams, weights, "--weight", 1.0) if weights else None,
-        delays=of_sensors(beams, delays or {}, "--delay", 0.0),
-        fit_delays=fit_delays,
-        fit_offsets=fit_offsets,
-    )
+    weighted = of_sensors(beams, weights, "--weight", 1.0) if weights else None
+    delayed = of_sensors(beams, delays or {}, "--delay", 0.0)
+    settings = Settings(loss=loss, weights=weighted, delays=delayed, fit_delays=fit_delays, fit_offsets=fit_offsets)
     method = identify_in_steps if steps == "paper" else identified
     result = method(
         beams, experiments, space, basis=basis, order=order, settings=settings, notify=notify, progress=progress
@@ -182,6 +180,8 @@ def _experiments(
         )
         for path in every
     ]
+    if not experiments:
+        raise InputError("files", "must be at least one CSV file")
     if all(experiment.held_back for experiment in experiments):
         raise InputError("--hold-back", "must leave at least one file to fit")
     return experiments

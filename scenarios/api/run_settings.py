@@ -6,6 +6,8 @@ from typing import Any
 
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
+from flexbeams.scenarios.api.arguments import require_choices, require_integer, require_number, require_table
+from flexbeams.scenarios.definition.choices import BACKENDS, BASES, COUPLINGS
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings
 
@@ -19,7 +21,14 @@ def run_settings(
     kinds: Sequence[UnitKind],
     **fields: Any,
 ) -> Settings:
-    """The settings; `fields` are those that have the same name and type there."""
+    """The settings; `fields` are those that have the same name and type there. InputError for what they cannot be."""
+    choices = {"coupling": COUPLINGS, "basis": BASES, "backend": BACKENDS}
+    require_choices(**{name: (fields.get(name), valid) for name, valid in choices.items()})
+    for name in ("stop_time", "step"):
+        require_number(name, fields.get(name))
+    require_integer("decimate", fields.get("decimate"), 1)
+    require_table("start", start)
+    require_table("design", design)
     return Settings(
         overrides=dict(start or {}),
         structure=None if structure is None else str(structure),

@@ -18,7 +18,7 @@ from flexbeams.scenarios.runs.simulation import Simulation
 def simulation(
     scenario: str | Path,
     *,
-    without: Sequence[str] = (),
+    without: str | Sequence[str] = (),
     start: Mapping[str, Value] | None = None,
     stop_time: float | None = None,
     step: float | None = None,
@@ -86,4 +86,5 @@ def simulation(
         decimate=decimate,
     )
     file = load_scenario(str(scenario))
-    return Simulation(file, settings, without=without, record=record, observer=Observer(notify=notify))
+    left_out = [without] if isinstance(without, str) else without
+    return Simulation(file, settings, without=left_out, record=record, observer=Observer(notify=notify))

@@ -11,7 +11,8 @@ import numpy as np
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.definition.choices import Backend, Method
+from flexbeams.scenarios.api.arguments import require_choices, require_integer, require_number, require_table
+from flexbeams.scenarios.definition.choices import BACKENDS, METHODS, Backend, Method
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.study_file import load_study
@@ -188,6 +189,11 @@ def study(
     True
     """
     require_parquet()
+    require_choices(method=(method, METHODS), backend=(backend, BACKENDS))
+    require_number("stop_time", stop_time)
+    for key, value, least in (("runs", runs, 1), ("seed", seed, 0), ("workers", workers, 1)):
+        require_integer(key, value, least)
+    require_table("start", start)
     settings = Settings(
         backend=backend,
         compiler=compiler,

@@ -4,12 +4,13 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any, Protocol, TypeVar
 
 from flexbeams.scenarios.processes.interrupt import ignore_interrupts_in_children
@@ -49,7 +50,7 @@ class ProcessPool:
 
     def submit(self, function: Callable[..., T], /, *arguments: Any) -> "Future[T]":
         """As Executor.submit; starts a process where one is missing. BrokenProcessPool where one has died."""
-        with ignore_interrupts_in_children(), _one_thread_each():
+        with ignore_interrupts_in_children(), _one_thread_each(), _without_main():
             return self._pool.submit(function, *arguments)
 
     @property
@@ -82,6 +83,20 @@ def _one_thread_each() -> Iterator[None]:
     finally:
         for name in added:
             del os.environ[name]
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes that start inside do not import the script of this one, which may call what started them.
+
+    All that they are to do is in modules.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _initialise(initializer: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:

@@ -27,7 +27,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.temporary import temporary_folder
-from flexbeams.scenarios.definition.choices import Format
+from flexbeams.scenarios.definition.choices import FORMATS, Format
 from flexbeams.scenarios.definition.declaration import by_index
 from flexbeams.scenarios.simulation.recording import Recording
 
@@ -61,7 +61,12 @@ _RUN = ("scenario", "title", "design_id", "coupling", "backend", "complete", "de
 
 
 def require_formats(formats: Sequence[Format]) -> None:
-    """InputError where a format needs a package that is not installed."""
+    """InputError for an unknown format, and where one needs a package that is not installed."""
+    if isinstance(formats, str):
+        raise InputError("formats", "must be a list, such as ['csv']", formats)
+    for name in formats:
+        if name not in FORMATS:
+            raise InputError("formats", f"must be of {', '.join(FORMATS)}", name)
     for name, package, extra in (("parquet", "pyarrow", "formats"), ("mf4", "asammdf", "mf4")):
         if name in formats and find_spec(package) is None:
             rule = f"{name} needs the package {package} (pip install 'flexbeams[{extra}]')"

@@ -232,8 +232,6 @@ def framed(page: str, title: str) -> str:
 class NotRecordedError(InputError, KeyError):
     """A signal that a run has not recorded; a KeyError too, as mappings raise."""
 
-    __str__ = InputError.__str__
-
 
 def _verdict(check: Mapping[str, Any]) -> str:
     return "" if check["limit"] is None else ", holds" if check["passed"] else ", FAILED"

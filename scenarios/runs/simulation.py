@@ -4,6 +4,7 @@ import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from operator import index
 from types import TracebackType
 from typing import Any, Self
 
@@ -151,6 +152,8 @@ class Simulation:
         if owner in self._instances and variable in self._instances[owner].variables:
             return owner, variable
         known = [*self._arrays, *(f"{o}.{v}" for o, i in self._instances.items() for v in i.variables)]
+        if name in self._arrays:
+            raise InputError(name, f"is not open: {', '.join(self.inputs) or 'no inputs'} can be set")
         raise InputError(name, "is not a variable of this simulation" + suggestion(name, known))
 
     def view(self, name: str) -> Array:
@@ -173,8 +176,8 @@ class Simulation:
         """
         if until is not None:
             count = max(0, -(-round((until - self.time) / self.step_size * 1e6) // 1_000_000))
-        elif count < 0:
-            raise InputError("step", "must be >= 0", count)
+        elif type(count) is not int or count < 0:
+            count = _whole("step", count)
         self._stepwise.advance(count)
 
     def snapshot(self) -> Snapshot:
@@ -210,6 +213,7 @@ class Simulation:
         require_undriven(start, prepared.wiring.driven())
         starts = start_values(prepared.scenario, prepared.declarations, overrides, prepared.source)
         if seed is not None:
+            seed = _whole("seed", seed)
             noisy = [name for name, declaration in prepared.declarations.items() if SEED in declaration.variables]
             if not noisy:
                 raise InputError("seed", f"needs a unit with the parameter {SEED}", seed)
@@ -244,6 +248,17 @@ class Simulation:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _whole(name: str, value: Any) -> int:
+    """An integer >= 0; InputError for anything else."""
+    try:
+        whole = index(value)
+    except TypeError:
+        whole = -1
+    if whole < 0:
+        raise InputError(name, "must be an integer >= 0", value)
+    return whole
 
 
 def _spans(elements: Mapping[str, int]) -> dict[str, slice]:

@@ -211,6 +211,8 @@ class Stepwise(CoSimulation):
         self._require_alive()
         held = snapshot.held if isinstance(snapshot, Snapshot) else None
         if held is None or not self._states.took(held.states):
+            if not isinstance(snapshot, Snapshot | bytes | bytearray | memoryview):
+                raise InputError("snapshot", "must be one that snapshot() gave, or its bytes", snapshot)
             header, parts = unpack_snapshot(bytes(snapshot))
             self._require_same(header, parts)
             signals = np.frombuffer(parts.pop(_SIGNALS), "<f8")

@@ -6,6 +6,7 @@ plant at the next sample, as those of the unit do, and are held within the volta
 """
 
 import importlib.util
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import FlexbeamsError, InputError
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile, load_scenario
 from flexbeams.scenarios.definition.schema import Check, Instance, Scenario
@@ -171,7 +173,7 @@ def _stepped(file: ScenarioFile, settings: Settings, own: Callable[[Any], Callab
             wanted = _guarded(
                 law, simulation["plant.y_pm"], simulation["feedforward.x_ref"], simulation["feedforward.u_ff"]
             )
-            u = np.clip(np.asarray(wanted, dtype=float), -limit, limit)
+            u = np.clip(_numbers(wanted), -limit, limit)
             if u.shape != (pairs,) or not np.all(np.isfinite(u)):
                 raise InputError("--controller", f"must give {pairs} finite voltages", str(wanted))
             simulation.step()
@@ -184,8 +186,18 @@ def _guarded(function: Callable[..., Any], *arguments: Any) -> Any:
     try:
         return function(*arguments)
     except Exception as error:
-        text = " ".join(str(error).split())
-        raise InputError("--controller", f"raised {type(error).__name__}: {text}") from error
+        text, frames = " ".join(str(error).split()), traceback.extract_tb(error.__traceback__)[1:]
+        own = next((f for f in frames if not f.filename.startswith("<")), None)
+        place = f" in line {own.lineno} of {own.filename}" if own else ""
+        raise InputError("--controller", f"raised {type(error).__name__}{place}: {text}") from error
+
+
+def _numbers(values: Any) -> Array:
+    """As an array; NaN for what is none."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (ValueError, TypeError):
+        return np.array(np.nan)
 
 
 def _own_controller(text: str) -> Own:

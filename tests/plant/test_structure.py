@@ -306,7 +306,7 @@ def test_gauges_and_points_may_reach_the_ends() -> None:
         (GOOD.replace(MORE_PATCH, ""), "patch is missing"),
         ("beam = []\n" + GOOD[GOOD.index("[[patch]]") :], "beam must have at least 1 entries, got []"),
         ("beam = 3\n" + GOOD[GOOD.index("[[patch]]") :], "beam must be a list, got 3"),
-        ("[beam]\n" + GOOD[GOOD.index("[[patch]]") :], "beam must be a list, got 'dict'"),
+        ("[beam]\n" + GOOD[GOOD.index("[[patch]]") :], "beam must be a list: [[beam]] begins each of its tables"),
         ("beam = [3]\n" + GOOD[GOOD.index("[[patch]]") :], "beam[1] must be a table, got 3"),
         (
             "patches = 1\n" + GOOD,

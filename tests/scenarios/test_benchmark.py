@@ -44,6 +44,10 @@ class Broken:
 class Short(Broken):
     def __call__(self, y, x_ref, u_ff):
         return [1.0]
+
+class Text(Broken):
+    def __call__(self, y, x_ref, u_ff):
+        return "u_ff"
 """
 
 
@@ -77,7 +81,8 @@ def test_a_class_and_a_unit_stand_in_for_the_controller(tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     ("controller", "message"),
     [
-        ("mine.py:Broken", "raised KeyError: 'u'"),
+        ("mine.py:Broken", "/mine.py: 'u'"),
+        ("mine.py:Text", "must give 4 finite voltages, got 'u_ff'"),
         ("mine.py:Short", "must give 4 finite voltages, got '[1.0]'"),
         ("mine.py:None_", "--controller has no class None_"),
         ("mine.py", "must name the class of a Python file: FILE.py:Class"),

@@ -167,6 +167,17 @@ def test_nothing_left_to_fit(rig: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert "--hold-back must leave at least one file to fit" in capsys.readouterr().err
 
 
+def test_wrong_arguments_of_the_function(rig: Path) -> None:
+    for files, options, message in (
+        ([], {}, "files must be at least one CSV file"),
+        ([rig / "step1.csv"], {"steps": "both"}, "steps must be 'all' or 'paper', got 'both'"),
+        ([rig / "step1.csv"], {"loss": "huber"}, "loss must be 'soft_l1' or 'linear', got 'huber'"),
+    ):
+        with pytest.raises(fb.FlexbeamsError) as caught:
+            fb.identify(*files, **options)  # type: ignore[arg-type]
+        assert str(caught.value) == message
+
+
 def test_help_names_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("identify", "--help") == 0
     text = capsys.readouterr().out

@@ -30,6 +30,11 @@ pytestmark = pytest.mark.native
 
 Write = Callable[[str, str], Path]
 
+SCRIPT = """from os import getpid
+from flexbeams.scenarios.processes.pools import ProcessPool
+with ProcessPool(1) as pool:
+    print(pool.submit(getpid).result() != getpid())
+"""
 PLANT = """title = "voltage on one beam"
 structure = "single_beam"
 stop_time = {stop}
@@ -273,3 +278,17 @@ def test_a_worker_that_writes_is_not_taken_for_one_that_hangs(
         messages.put((0, kind, content))
         monitor.poll()
         assert least <= monitor.silence() <= most, kind
+
+
+def test_a_script_starts_processes_without_being_imported_by_them(tmp_path: Path) -> None:
+    """No `if __name__ == "__main__"` is needed around fb.study."""
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=tmp_path,
+        env=python_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("True\n", "")

@@ -343,6 +343,22 @@ def test_failed_runs_come_first_on_the_page(study_file: Callable[..., Path], tmp
         study.worst("voltge")
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"runs": "a"}, "runs must be an integer >= 1, got 'a'"),
+        ({"runs": 0}, "runs must be an integer >= 1, got 0"),
+        ({"seed": 1.5}, "seed must be an integer >= 0, got 1.5"),
+        ({"workers": -1}, "workers must be an integer >= 1, got -1"),
+        ({"method": "x"}, "method must be 'lhs' or 'sobol' or 'saltelli' or 'grid', got 'x'"),
+    ],
+)
+def test_wrong_arguments_of_the_function(options: Any, message: str) -> None:
+    with pytest.raises(fb.FlexbeamsError) as caught:
+        fb.study("noise", **options)
+    assert str(caught.value) == message
+
+
 def test_signals_are_kept_at_their_rate(study_file: Callable[..., Path], tmp_path: Path) -> None:
     import pyarrow.parquet
 
