@@ -23,7 +23,7 @@ from flexbeams.scenarios.studies.dataset import Results, require_parquet
 from flexbeams.scenarios.studies.execution import Progress
 from flexbeams.scenarios.studies.pages import full_run, write_pages
 from flexbeams.scenarios.studies.planning import plan_study
-from flexbeams.scenarios.studies.sensitivity import Sensitivity, sensitivity
+from flexbeams.scenarios.studies.sensitivity import Sensitivity, sensitivities
 from flexbeams.scenarios.studies.study import Study, Workers, local_workers
 from flexbeams.scenarios.studies.summary import study_summary, worst_first
 
@@ -92,7 +92,7 @@ class StudyResults:
         First-order and total ones of a Saltelli design, first-order ones by ranks of any other. Failed runs are
         excluded and counted.
         """
-        return sensitivity(self.study.plan, self.results, self._column(measure))
+        return sensitivities(self.study.plan, self.results, [self._column(measure)])[0]
 
     def resume(self, progress: Progress = lambda done, total: None) -> "StudyResults":
         """Does the runs that are missing; the results with them."""

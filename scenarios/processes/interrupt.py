@@ -70,12 +70,12 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def ignore_interrupts_in_children() -> Iterator[None]:
-    """Processes started inside ignore Ctrl-C from their start, on systems where children inherit that."""
-    if threading.current_thread() is not threading.main_thread():
+    """Processes started inside do not get Ctrl-C, on systems where they inherit that; this one gets it afterwards."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    outside = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    outside = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, outside)
+        signal.pthread_sigmask(signal.SIG_SETMASK, outside)

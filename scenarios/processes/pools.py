@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from types import ModuleType, TracebackType
 from typing import Any, Protocol, TypeVar
@@ -45,6 +46,8 @@ class ProcessPool:
     ) -> None:
         before = set(multiprocessing.active_children())
         context = multiprocessing.get_context("spawn")
+        if os.name == "posix":
+            resource_tracker.ensure_running()  # it unblocks Ctrl-C, which must not happen while a process starts
         self._pool = ProcessPoolExecutor(workers, context, _initialise, (initializer, arguments))
         self._before = before
 

@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from flexbeams.controller.options import DesignOptions
 from flexbeams.plant.basis import Array
@@ -185,6 +184,8 @@ class _Spread:
 
     @classmethod
     def _of_distribution(cls, parameter: Parameter) -> "_Spread":
+        from scipy import stats  # takes longer to import than all the rest of a worker
+
         name = str(parameter.distribution)
         known = [n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous | stats.rv_discrete)]
         if name not in known:

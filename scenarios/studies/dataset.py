@@ -164,9 +164,9 @@ class DataSet:
         for file in self.files():
             table = _read(file, ["key", "failure", "difference", *(c.name for c in plan.checks)])
             found = np.array([self._rows.get(key, -1) for key in table.column("key").to_pylist()], dtype=np.int64)
-            values = np.column_stack([table.column(c.name).to_numpy() for c in plan.checks])
+            values = np.column_stack([_numbers(table.column(c.name)) for c in plan.checks])
             measures[found[found >= 0]] = values[found >= 0]
-            differences[found[found >= 0]] = table.column("difference").to_numpy()[found >= 0]
+            differences[found[found >= 0]] = _numbers(table.column("difference"))[found >= 0]
             for k, reason in zip(found.tolist(), table.column("failure").to_pylist(), strict=True):
                 if k >= 0:
                     failures[k] = reason
@@ -201,26 +201,44 @@ def _table(plan: StudyPlan, answers: Sequence[Answer], numbers: NDArray[np.int64
     numbers = numbers[order]
     measures = np.concatenate([a.measures for a in answers])[order]
     failures = [text for a in answers for text in a.failures]
-    fields, columns = [pa.field("run", pa.int64())], [pa.array(numbers)]
+    fields, columns = [pa.field("run", pa.int64())], [_column(numbers, pa.int64())]
 
-    def add(name: str, values: Any, kind: Any, unit: str = "") -> None:
-        fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
-        columns.append(pa.array(values, kind))
+    def add(name: str, column: Any, unit: str = "") -> None:
+        fields.append(pa.field(name, column.type, metadata={"unit": unit} if unit else None))
+        columns.append(column)
 
     for k, axis in enumerate(plan.axes):
-        add(axis.name, plan.samples.values[numbers, k], pa.float64(), axis.unit)
+        add(axis.name, _column(plan.samples.values[numbers, k], pa.float64()), axis.unit)
     for k, check in enumerate(plan.checks):
-        add(check.name, measures[:, k], pa.float64(), check.unit)
+        add(check.name, _column(measures[:, k], pa.float64()), check.unit)
     gaps = np.concatenate([a.differences if len(a.differences) else np.full(len(a.numbers), np.nan) for a in answers])
-    add("difference", gaps[order], pa.float64())
-    add("failure", [failures[k] for k in order.tolist()], pa.string())
-    add("key", [plan.keys[k] for k in numbers.tolist()], pa.binary(16))
+    add("difference", _column(gaps[order], pa.float64()))
+    add("failure", _texts([failures[k] for k in order.tolist()]))
+    add("key", _column(np.array([plan.keys[k] for k in numbers.tolist()], dtype="S16"), pa.binary(16)))
     kept = [a.signals for a in answers if a.signals is not None]
     if kept:
         signals = np.concatenate(kept)[order]
         for k, name in enumerate(plan.signals):
-            add(name, list(signals[:, :, k]), pa.list_(pa.float64(), signals.shape[1]))
+            values = _column(signals[:, :, k].ravel(), pa.float64())
+            add(name, pa.FixedSizeListArray.from_arrays(values, signals.shape[1]))
     return pa.table(columns, schema=pa.schema(fields, metadata={"flexbeams": json.dumps(plan.header())}))
+
+
+def _column(values: NDArray[Any], kind: Any) -> Any:
+    """A column from the bytes of its values: pyarrow.array and to_numpy would import pandas, to ask about its types."""
+    import pyarrow as pa
+
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
+
+
+def _texts(texts: Sequence[str]) -> Any:
+    """A column of texts from their bytes and where each of them begins."""
+    import pyarrow as pa
+
+    contents = [text.encode() for text in texts]
+    begins = np.cumsum([0, *map(len, contents)], dtype=np.int32)
+    buffers = [None, pa.py_buffer(begins), pa.py_buffer(b"".join(contents))]
+    return pa.Array.from_buffers(pa.string(), len(contents), buffers)
 
 
 def _parquet(table: Any) -> bytes:
@@ -236,10 +254,17 @@ def _read(file: Path, columns: Sequence[str]) -> Any:
     import pyarrow.parquet
 
     try:
-        return pyarrow.parquet.read_table(file, columns=list(columns))
+        with pyarrow.parquet.ParquetFile(file) as opened:
+            return opened.read(columns=list(columns)).select(list(columns))
     except (OSError, pyarrow.ArrowException, KeyError) as error:
         rule = f"is not a readable part of the data set: {' '.join(str(error).split())[:80]}; remove it to run again"
         raise InputError("", rule, source=str(file)) from None
+
+
+def _numbers(column: Any) -> Array:
+    """The doubles of a column without gaps."""
+    parts = [np.frombuffer(c.buffers()[1], np.float64, len(c), 8 * c.offset) for c in column.chunks]
+    return np.concatenate(parts or [np.zeros(0)])
 
 
 def read_header(folder: Path) -> Mapping[str, Any]:

@@ -11,7 +11,7 @@ Their intervals are from random halves of the samples, since a bootstrap would m
 Runs that failed are left out before anything is estimated: one NaN would spoil all indices.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,30 +56,34 @@ class Sensitivity:
     indices: Mapping[str, Index]
 
 
-def sensitivity(plan: StudyPlan, results: Results, column: int) -> Sensitivity:
-    """The indices of one measure."""
+def sensitivities(plan: StudyPlan, results: Results, columns: Sequence[int]) -> list[Sensitivity]:
+    """The indices of some measures."""
     groups, complete = plan.samples.groups, results.complete
+    measures = results.measures[:, columns]
     if plan.samples.method == "saltelli":
-        y = np.full(plan.samples.runs, np.nan)
-        y[results.numbers[complete]] = results.measures[complete, column]
-        blocks = y.reshape(-1, len(groups) + 2)
-        whole = blocks[np.all(np.isfinite(blocks), axis=1)]
-        found = saltelli_indices(whole)
-        used = whole.size
-        estimator = "saltelli"
+        outputs = np.full((plan.samples.runs, len(columns)), np.nan)
+        outputs[results.numbers[complete]] = measures[complete]
+        blocks = outputs.reshape(-1, len(groups) + 2, len(columns))
+        whole = blocks[np.all(np.isfinite(blocks), axis=(1, 2))]
+        found = [saltelli_indices(whole[:, :, k]) for k in range(len(columns))]
+        used, estimator = len(whole) * (len(groups) + 2), "saltelli"
     else:
-        values, y = results.inputs[complete], results.measures[complete, column]
-        columns = [[k for k, axis in enumerate(plan.axes) if axis.group == group] for group in groups]
-        found = rank_indices(values, y, columns)
-        used, estimator = len(y), "ranks"
-    named = dict(zip(groups, found, strict=True)) if found else {}
-    ordered = sorted(named, key=lambda group: -named[group].importance)
-    return Sensitivity(
-        estimator=estimator if found else "none",
-        runs=used,
-        left_out=len(results.numbers) - used,
-        indices={group: named[group] for group in ordered},
-    )
+        members = [[k for k, axis in enumerate(plan.axes) if axis.group == group] for group in groups]
+        found = rank_indices(results.inputs[complete], measures[complete], members)
+        used, estimator = int(np.count_nonzero(complete)), "ranks"
+    return [
+        Sensitivity(
+            estimator=estimator if indices else "none",
+            runs=used,
+            left_out=len(results.numbers) - used,
+            indices=_ordered(dict(zip(groups, indices, strict=True)) if indices else {}),
+        )
+        for indices in found
+    ]
+
+
+def _ordered(indices: Mapping[str, Index]) -> dict[str, Index]:
+    return {group: indices[group] for group in sorted(indices, key=lambda group: -indices[group].importance)}
 
 
 def saltelli_indices(blocks: Array) -> list[Index]:
@@ -116,29 +120,36 @@ def _saltelli(blocks: Array) -> tuple[Array, Array]:
     return first, total
 
 
-def rank_indices(inputs: Array, y: Array, groups: list[list[int]]) -> list[Index]:
-    """First-order indices of groups of columns of independent inputs (n, d); empty where nothing varies."""
-    n = len(y)
-    if n < LEAST or np.ptp(y) == 0:
-        return []
+def rank_indices(inputs: Array, outputs: Array, groups: list[list[int]]) -> list[list[Index]]:
+    """First-order indices of groups of columns of independent inputs (n, d), for each column of outputs (n, m).
+
+    Empty where nothing varies. Neighbours are searched once for all outputs, and that is what takes the time.
+    """
+    n, m = outputs.shape
+    varies = np.ptp(outputs, axis=0) > 0 if n >= LEAST else np.zeros(m, dtype=bool)
+    found: list[list[Index]] = [[] for _ in range(m)]
+    if not varies.any():
+        return found
     generator = np.random.default_rng(SEED)
     halves = [generator.permutation(n)[: n // 2] for _ in range(min(RESAMPLES, 100))]
     width = float(norm.ppf((1 + CONFIDENCE) / 2))
-    found = []
     for columns in groups:
-        value = _by_neighbours(inputs[:, columns], y)
-        spread = float(np.std([_by_neighbours(inputs[half][:, columns], y[half]) for half in halves]))
+        values = _by_neighbours(inputs[:, columns], outputs)
+        resampled = [_by_neighbours(inputs[half][:, columns], outputs[half]) for half in halves]
         # The variance of half the samples, drawn without replacement, about the estimate from all is that of all
-        found.append(Index(first=value, first_low=value - width * spread, first_high=value + width * spread))
+        reach = width * np.std(resampled, axis=0)
+        for k in np.flatnonzero(varies).tolist():
+            value = float(values[k])
+            found[k].append(Index(first=value, first_low=value - float(reach[k]), first_high=value + float(reach[k])))
     return found
 
 
-def _by_neighbours(inputs: Array, y: Array) -> float:
-    centred = y - y.mean()
-    variance = float(np.mean(centred**2))
-    if variance == 0:
-        return 0.0
-    return float(np.mean(centred * centred[_neighbours(inputs)]) / variance)
+def _by_neighbours(inputs: Array, outputs: Array) -> Array:
+    """The estimate for each output; 0 where it does not vary."""
+    centred = outputs - outputs.mean(axis=0)
+    variance = np.mean(centred**2, axis=0)
+    shared = np.mean(centred * centred[_neighbours(inputs)], axis=0)
+    return np.asarray(np.divide(shared, variance, out=np.zeros_like(shared), where=variance > 0))
 
 
 def _neighbours(inputs: Array) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.schema import Check
 from flexbeams.scenarios.studies.dataset import Results
 from flexbeams.scenarios.studies.planning import StudyPlan
-from flexbeams.scenarios.studies.sensitivity import sensitivity
+from flexbeams.scenarios.studies.sensitivity import Sensitivity, sensitivities
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 WORST = 5  # runs that are named
@@ -19,12 +19,13 @@ def study_summary(plan: StudyPlan, results: Results) -> dict[str, Any]:
     """What `--json` prints: numbers of runs, failures, and for each measure quantiles, worst runs, sensitivity."""
     complete = results.complete
     failed = np.flatnonzero(~complete)
+    shares = sensitivities(plan, results, range(len(plan.checks)))
     return {
         **{key: value for key, value in plan.header().items() if key not in ("measures", "signals", "fingerprint")},
         "failed": len(failed),
         "checked": _checked(results),
         "failures": [{"run": int(results.numbers[k]), "reason": results.failures[k]} for k in failed.tolist()],
-        "measures": {c.name: _measure(plan, results, k) for k, c in enumerate(plan.checks)},
+        "measures": {c.name: _measure(plan, results, k, shares[k]) for k, c in enumerate(plan.checks)},
     }
 
 
@@ -34,13 +35,12 @@ def _checked(results: Results) -> dict[str, Any]:
     return {"runs": len(known), "largest_difference": float(known.max()) if len(known) else None}
 
 
-def _measure(plan: StudyPlan, results: Results, column: int) -> dict[str, Any]:
+def _measure(plan: StudyPlan, results: Results, column: int, found: Sensitivity) -> dict[str, Any]:
     check, complete = plan.checks[column], results.complete
     values = results.measures[complete, column]
     if not len(values):
         return {"unit": check.unit, "min": check.min, "max": check.max, "outside": 0}
     worst = np.flatnonzero(complete)[worst_first(check, values)[:WORST]]
-    found = sensitivity(plan, results, column)
     return {
         "unit": check.unit,
         "min": check.min,

@@ -16,6 +16,7 @@ import pytest
 from flexbeams.plant.errors import FlexbeamsError, InputError
 from flexbeams.plant.text import printable, quoted
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.processes.interrupt import ignore_interrupts_in_children
 from flexbeams.scenarios.results.files import read_results
 from flexbeams.scenarios.simulation.recording import Recording
 from tests.helpers import command, python_environment
@@ -80,6 +81,12 @@ def test_sigterm_keeps_results_and_removes_temporary_folders(
 
 
 @posix
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are not blocked there")
+def test_ctrl_c_while_a_process_starts_is_not_lost(ctrl_c: None) -> None:
+    with pytest.raises(KeyboardInterrupt), ignore_interrupts_in_children():
+        os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_sigterm_before_a_run_has_results(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def terminate() -> None:
         os.kill(os.getpid(), signal.SIGTERM)

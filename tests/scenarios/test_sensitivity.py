@@ -71,7 +71,7 @@ def test_salib_finds_the_same_indices() -> None:
 
 def test_rank_indices_are_those_in_closed_form() -> None:
     x = 2 * np.pi * qmc.LatinHypercube(3, seed=np.random.default_rng(2)).random(4096) - np.pi
-    found = rank_indices(x, ishigami(x), [[0], [1], [2], [0, 2]])
+    found = rank_indices(x, ishigami(x)[:, None], [[0], [1], [2], [0, 2]])[0]
     expected = [*FIRST, 1 - FIRST[1]]
     for index, value in zip(found, expected, strict=True):
         assert index.first == pytest.approx(value, abs=0.08)
@@ -85,12 +85,16 @@ def test_intervals_of_ranks_hold_as_often_as_they_say() -> None:
     generator, inside = np.random.default_rng(3), 0
     for _ in range(200):
         x = generator.random((256, 3))
-        index = rank_indices(x, x @ weights, [[0]])[0]
+        index = rank_indices(x, (x @ weights)[:, None], [[0]])[0][0]
         inside += index.first_low <= exact[0] <= index.first_high
     assert 180 <= inside <= 199
 
 
 def test_nothing_is_estimated_where_nothing_varies() -> None:
     assert saltelli_indices(np.ones((64, 4))) == []
-    assert rank_indices(np.random.default_rng(1).random((64, 2)), np.ones(64), [[0], [1]]) == []
-    assert rank_indices(np.random.default_rng(1).random((8, 2)), np.arange(8.0), [[0]]) == []
+    x = np.random.default_rng(1).random((64, 2))
+    constant, alone = rank_indices(x, np.column_stack([np.ones(64), x[:, 0]]), [[0], [1]])
+    assert constant == []
+    expected = rank_indices(x, x[:, :1], [[0], [1]])[0]
+    assert [i.first for i in alone] == pytest.approx([i.first for i in expected])
+    assert rank_indices(x[:8], np.arange(8.0)[:, None], [[0]]) == [[]]

@@ -18,7 +18,7 @@ import pytest
 from scipy import stats
 
 import flexbeams as fb
-from flexbeams.plant.errors import InputError
+from flexbeams.plant.errors import FlexbeamsError, InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.definition.study_file import load_study
@@ -282,7 +282,7 @@ def test_a_lost_worker_is_replaced(study_file: Callable[..., Path], tmp_path: Pa
 
 @pytest.mark.slow
 def test_dask_gives_the_same_bits(study_file: Callable[..., Path], tmp_path: Path) -> None:
-    """Two worker processes, each in a folder of its own with nothing in its cache."""
+    """Two worker processes, each in a folder of its own with nothing in its cache; the scheduler is killed once."""
     pytest.importorskip("distributed")
     path, port = study_file(), free_port()
     plan, address = planned(path), f"tcp://127.0.0.1:{port}"
@@ -308,7 +308,16 @@ def test_dask_gives_the_same_bits(study_file: Callable[..., Path], tmp_path: Pat
                 time.sleep(0.2)
         found = finished(plan, tmp_path / "out", cluster(address))
         assert np.array_equal(found.measures, finished(plan, tmp_path / "here").measures)
-        processes[0].kill()
+
+        def kill_scheduler(done: int, total: int) -> None:
+            if 0 < done < total:
+                processes[0].kill()
+
+        lost = Study(plan=plan, folder=tmp_path / "lost")
+        with pytest.raises(FlexbeamsError, match=r"the cluster was lost .*; the same command does what is missing"):
+            lost.run(cluster(address), progress=kill_scheduler)
+        assert 0 < len(lost.results().numbers) < plan.samples.runs
+        assert np.array_equal(finished(plan, tmp_path / "lost").measures, found.measures)
         with pytest.raises(InputError, match="--scheduler cannot be reached"):
             cluster(address)
     finally:
