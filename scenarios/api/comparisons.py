@@ -11,8 +11,9 @@ from flexbeams.scenarios.results.compare import Comparison as ComparedRuns
 from flexbeams.scenarios.results.compare import compare as read_runs
 from flexbeams.scenarios.results.differences import (
     ComparedSpan,
+    RunDifference,
     SignalDifference,
-    compared_spans,
+    run_differences,
     setting_differences,
     signal_differences,
     within,
@@ -34,14 +35,19 @@ class Comparison(ComparedRuns):
     tolerance: float | None = None
 
     @cached_property
-    def differences(self) -> list[SignalDifference]:
-        """Every common signal of every further run against the first, the largest relative difference first."""
-        return signal_differences(self)
+    def by_run(self) -> list[RunDifference]:
+        """How each further run differs from the first."""
+        return run_differences(self)
 
     @cached_property
+    def differences(self) -> list[SignalDifference]:
+        """Every common signal of every further run against the first, the largest relative difference first."""
+        return signal_differences(self.by_run)
+
+    @property
     def spans(self) -> list[ComparedSpan]:
         """The times at which each further run is compared with the first."""
-        return compared_spans(self)
+        return [difference.span for difference in self.by_run]
 
     @cached_property
     def settings(self) -> dict[str, list[str]]:
@@ -67,7 +73,7 @@ class Comparison(ComparedRuns):
         from flexbeams.scenarios.report.comparison import comparison_html
 
         title = " and ".join(run.label for run in self.runs)
-        return framed(comparison_html(self, title), title)
+        return framed(comparison_html(self, title, self.by_run), title)
 
 
 def compare(

@@ -86,7 +86,7 @@ def compare(
         return 0 if comparison.holds else 1
     from flexbeams.scenarios.report.comparison import write_comparison
 
-    written = write_comparison(comparison, out)
+    written = write_comparison(comparison, out, comparison.by_run)
     show_differences(comparison)
     show_comparison(comparison)
     for path in written:

@@ -4,9 +4,9 @@ from itertools import zip_longest
 from pathlib import Path
 
 from flexbeams.scenarios.definition.schema import Figure, Scenario
-from flexbeams.scenarios.report.decimation import decimated, thinned
 from flexbeams.scenarios.report.plots import MAX_POINTS, Line, Panel, Plot, PlotRow, Style
 from flexbeams.scenarios.results.curves import Curve, figure_curve
+from flexbeams.scenarios.results.decimation import decimated, thinned
 from flexbeams.scenarios.simulation.recording import Recording
 
 

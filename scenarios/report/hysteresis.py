@@ -8,10 +8,10 @@ import numpy as np
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.plant.identification.hysteresis import HysteresisFit
-from flexbeams.scenarios.report.decimation import plotted_rows
 from flexbeams.scenarios.report.loops import loop_picture
 from flexbeams.scenarios.report.page import float32, render
 from flexbeams.scenarios.results.curves import DISPLAY_UNITS
+from flexbeams.scenarios.results.decimation import plotted_rows
 
 MAX_ROWS = 2000  # of a panel
 

@@ -13,9 +13,9 @@ from flexbeams.plant.identification.method import Identification
 from flexbeams.plant.identification.modal import modal_form
 from flexbeams.plant.identification.quality import Fit, end_error, fits_of
 from flexbeams.plant.parameters import parameter
-from flexbeams.scenarios.report.decimation import plotted_rows
 from flexbeams.scenarios.report.page import float32, render
 from flexbeams.scenarios.results.curves import DISPLAY_UNITS
+from flexbeams.scenarios.results.decimation import plotted_rows
 
 MAX_ROWS = 1500  # of a panel
 MODES = 9  # of the table

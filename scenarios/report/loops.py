@@ -7,8 +7,8 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.definition.schema import Scenario
-from flexbeams.scenarios.report.decimation import plotted_rows
 from flexbeams.scenarios.results.checks import column_indices
+from flexbeams.scenarios.results.decimation import plotted_rows
 from flexbeams.scenarios.simulation.recording import Recording
 
 WIDTH, HEIGHT = 300.0, 220.0  # of a picture

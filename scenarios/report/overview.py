@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from flexbeams.scenarios.report.decimation import decimated
 from flexbeams.scenarios.report.plots import MAX_POINTS, Line, Panel, Plot, PlotRow
 from flexbeams.scenarios.results.curves import Curve, array_names, curve
+from flexbeams.scenarios.results.decimation import decimated
 from flexbeams.scenarios.simulation.recording import Recording
 
 OVERVIEW = "signals"  # name of the figure's files

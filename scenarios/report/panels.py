@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from flexbeams.scenarios.definition.schema import Scenario
-from flexbeams.scenarios.report.decimation import plotted_rows
 from flexbeams.scenarios.report.overview import overview
 from flexbeams.scenarios.report.page import float32
 from flexbeams.scenarios.results.curves import Curve, align, figure_curve
+from flexbeams.scenarios.results.decimation import plotted_rows
 from flexbeams.scenarios.simulation.recording import Recording
 
 MAX_ROWS = 2000  # of a panel
@@ -22,10 +22,7 @@ def panel(
     The rows are those that any of the curves needs, so that every plotted value is a recorded one.
     """
     first = curves[0][0]
-    recordings = list({id(c.recording): c.recording for c, _, _ in curves}.values())
-    time, aligned = align(recordings)
-    tables = {id(r): v for r, v in zip(recordings, aligned, strict=True)}
-    values = np.column_stack([tables[id(c.recording)][:, c.columns[e]] * c.factor for c, e, _ in curves])
+    time, values = align([(c, element) for c, element, _ in curves])
     rows = plotted_rows(values[: np.searchsorted(time, stop, side="right")], MAX_ROWS)
     return {
         "title": title,

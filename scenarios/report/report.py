@@ -7,11 +7,11 @@ from flexbeams.controller.design import Design
 from flexbeams.scenarios.definition.kinds import instance_kinds
 from flexbeams.scenarios.definition.schema import Scenario
 from flexbeams.scenarios.report.animation import animation
-from flexbeams.scenarios.report.decimation import thinned
 from flexbeams.scenarios.report.loops import run_loops
 from flexbeams.scenarios.report.overview import OVERVIEW
 from flexbeams.scenarios.report.page import render
 from flexbeams.scenarios.report.panels import figure_groups, remaining_signals_group
+from flexbeams.scenarios.results.decimation import thinned
 from flexbeams.scenarios.results.display import check_limits, limits, number, verdict
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.results.saturation import saturation_lines

@@ -14,8 +14,8 @@ from flexbeams.controller.tuning import Candidate, TuningProblem
 from flexbeams.plant.archive import write_whole
 from flexbeams.plant.basis import Array
 from flexbeams.scenarios.report.charts import axis, chart
-from flexbeams.scenarios.report.decimation import plotted_rows
 from flexbeams.scenarios.report.page import render
+from flexbeams.scenarios.results.decimation import plotted_rows
 
 MAX_ROWS = 500  # of a response
 WIDTH, HEIGHT = 640, 320  # of the front's picture

@@ -158,6 +158,19 @@ def read_folder(folder: Path, label: str) -> FinishedRun:
     raise InputError("", "has no results.csv or other results", source=str(folder))
 
 
+def figure_arrays(comparison: Comparison) -> list[str]:
+    """Arrays for the figure: deflections and voltages of the plants, or the first arrays where there is no plant."""
+    plants = [name.removesuffix(".y_pi") for name in comparison.arrays if name.endswith(".y_pi")]
+    signals = [f"{plant}.{base}" for plant in plants for base in ("y_pi", "u")]
+    return [name for name in signals if name in comparison.arrays] or comparison.arrays[:3] or comparison.signals[:8]
+
+
+def figure_signals(comparison: Comparison) -> list[str]:
+    """The common signals of these arrays."""
+    arrays = figure_arrays(comparison)
+    return [name for name in comparison.signals if name in arrays or array_name(name) in arrays]
+
+
 def _elements(recording: Recording) -> dict[str, list[str]]:
     """The columns of each recorded array, by index."""
     arrays: dict[str, list[str]] = {}

@@ -141,22 +141,19 @@ def figure_curve(
     return selected
 
 
-def align(recordings: list[Recording]) -> tuple[Array, list[Array]]:
-    """The union of all recordings' times (rows,), and each recording's values at them, NaN outside its own time span.
+def align(curves: Sequence[tuple[Curve, int]]) -> tuple[Array, Array]:
+    """The union of the times (rows,) of curves' elements, and each one's values at them (rows, elements), as displayed.
 
-    Recordings of one step share their times and are copied; others are interpolated linearly between their rows.
+    They are NaN outside a recording's own time span. Recordings of one step share their times and are copied; others
+    are interpolated linearly between their rows.
     """
-    if all(np.array_equal(r.time, recordings[0].time) for r in recordings):
-        return recordings[0].time, [r.values for r in recordings]
-    time = np.unique(np.concatenate([r.time for r in recordings]))
-    placed = []
-    for recording in recordings:
-        if np.array_equal(recording.time, time):
-            placed.append(recording.values)
-            continue
-        rows = np.full((len(time), len(recording.columns)), np.nan)
-        inside = (time >= recording.time[0]) & (time <= recording.time[-1])
-        for k in range(len(recording.columns)):
-            rows[inside, k] = np.interp(time[inside], recording.time, recording.values[:, k])
-        placed.append(rows)
-    return time, placed
+    times = list({id(c.recording): c.recording.time for c, _ in curves}.values())
+    equal = all(np.array_equal(own, times[0]) for own in times)
+    time = times[0] if equal else np.unique(np.concatenate(times))
+    values = np.empty((len(time), len(curves)))
+    for k, (c, element) in enumerate(curves):
+        own, column = c.recording.time, c.recording.values[:, c.columns[element]]
+        if len(own) != len(time):
+            column = np.interp(time, own, column, left=np.nan, right=np.nan)
+        values[:, k] = column * c.factor
+    return time, values

@@ -9,7 +9,8 @@ import numpy as np
 
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.results.compare import Comparison, FinishedRun
+from flexbeams.scenarios.results.compare import Comparison, FinishedRun, figure_signals
+from flexbeams.scenarios.results.decimation import Thinning
 from flexbeams.scenarios.simulation.recording import BLOCK_BYTES, Recording
 
 LEAST_SHARE = 0.5  # of the longer recording that must be compared for a verdict that holds
@@ -42,7 +43,12 @@ class ComparedSpan:
     run: str  # label
     begin: float  # s
     end: float  # s
-    share: float  # of the time that the longer of the two recordings covers
+    longest: float  # s, that the longer of the two recordings covers
+
+    @property
+    def share(self) -> float:
+        """The part of that time which is compared."""
+        return (self.end - self.begin) / self.longest if self.longest > 0 else 1.0
 
     @property
     def text(self) -> str:
@@ -51,7 +57,7 @@ class ComparedSpan:
 
     def record(self) -> dict[str, Any]:
         """Entry of the JSON output."""
-        return asdict(self)
+        return {"run": self.run, "begin": self.begin, "end": self.end, "share": self.share}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,29 +70,51 @@ class CommonRows:
     interpolated: int
 
 
-def signal_differences(comparison: Comparison) -> list[SignalDifference]:
-    """Every common signal of every further run against the first run, the largest relative difference first."""
+@dataclass(frozen=True, kw_only=True)
+class RunDifference:
+    """How a run differs from the first one."""
+
+    label: str
+    signals: list[SignalDifference]
+    span: ComparedSpan
+    gaps: Recording  # differences of the signals of `figure_arrays` at the common times, in memory, as they are drawn
+
+
+def run_differences(comparison: Comparison) -> list[RunDifference]:
+    """Every further run against the first one; its rows are read once."""
     first, *others = comparison.runs
+    signals, drawn = comparison.signals, figure_signals(comparison)
+    chosen = [signals.index(name) for name in drawn]
     found = []
     for run in others:
-        total = _Total(len(comparison.signals))
-        for rows in common_rows(first.recording, run.recording, comparison.signals):
-            total.add(rows)
-        found += [total.difference(run.label, signal, k) for k, signal in enumerate(comparison.signals)]
+        common = _common_times(first.recording, run.recording)
+        total, thinning = _Total(len(signals)), Thinning(common.stop - common.first, len(drawn))
+        for rows in _common_rows(first.recording, run.recording, signals, common):
+            gap = rows.other - rows.first
+            total.add(rows, gap)
+            thinning.add(rows.time, gap[:, chosen])
+        time, values = thinning.taken()
+        found.append(
+            RunDifference(
+                label=run.label,
+                signals=[total.difference(run.label, signal, k) for k, signal in enumerate(signals)],
+                span=_compared_span(run.label, common, first.recording, run.recording),
+                gaps=Recording(time=time, columns=drawn, values=values, wall_seconds=float("nan")),
+            )
+        )
+    return found
+
+
+def signal_differences(differences: Sequence[RunDifference]) -> list[SignalDifference]:
+    """Every common signal of every further run against the first run, the largest relative difference first."""
+    found = [signal for difference in differences for signal in difference.signals]
     return sorted(found, key=lambda d: (-d.relative, d.run, d.signal))
 
 
-def compared_spans(comparison: Comparison) -> list[ComparedSpan]:
-    """The times at which each further run is compared with the first one."""
-    first, *others = comparison.runs
-    spans = []
-    for run in others:
-        common = _common_times(first.recording, run.recording)
-        longest = max(float(r.time[-1] - r.time[0]) for r in (first.recording, run.recording))
-        begin, end = (float(common.coarser.time[row]) for row in (common.first, common.stop - 1))
-        share = (end - begin) / longest if longest > 0 else 1.0
-        spans.append(ComparedSpan(run=run.label, begin=begin, end=end, share=share))
-    return spans
+def _compared_span(label: str, common: "_CommonTimes", first: Recording, other: Recording) -> ComparedSpan:
+    longest = max(float(r.time[-1] - r.time[0]) for r in (first, other))
+    begin, end = (float(common.coarser.time[row]) for row in (common.first, common.stop - 1))
+    return ComparedSpan(run=label, begin=begin, end=end, longest=longest)
 
 
 def within(tolerance: float | None, differences: Sequence[SignalDifference], spans: Sequence[ComparedSpan]) -> bool:
@@ -107,16 +135,16 @@ class _Total:
         self._squares, self._peak = np.zeros(columns), np.zeros(columns)
         self._rows = self._interpolated = 0
 
-    def add(self, rows: CommonRows) -> None:
-        """Counts further rows."""
-        gap = np.abs(rows.other - rows.first)
-        size = np.where(np.isnan(gap), np.inf, gap)
-        row = np.argmax(size, axis=0)
-        found = size[row, np.arange(size.shape[1])]
-        self._time = np.where(found > self._largest, rows.time[row], self._time)
-        self._largest = np.maximum(found, self._largest)
-        self._squares += np.sum(gap**2, axis=0)
-        self._peak = np.maximum(self._peak, np.max(np.abs(rows.first), axis=0))
+    def add(self, rows: CommonRows, gap: Array) -> None:
+        """Counts further rows and their differences (rows, columns)."""
+        for k in np.flatnonzero(~(_magnitude(gap) <= self._largest)):  # also where it is NaN
+            size = np.abs(gap[:, k])
+            size[np.isnan(size)] = np.inf
+            row = np.argmax(size)
+            if size[row] > self._largest[k]:
+                self._largest[k], self._time[k] = size[row], rows.time[row]
+        self._squares += np.einsum("ij,ij->j", gap, gap)
+        self._peak = np.maximum(self._peak, _magnitude(rows.first))
         self._rows += len(rows.time)
         self._interpolated += rows.interpolated
 
@@ -139,14 +167,21 @@ class _Total:
         )
 
 
-def common_rows(first: Recording, other: Recording, signals: list[str]) -> Iterator[CommonRows]:
-    """Both recordings at the times of the coarser one where they overlap, in blocks where one of them is in a file.
+def _magnitude(values: Array) -> Array:
+    """The largest magnitude of each column (columns,), NaN for one that contains NaN."""
+    largest: Array = np.maximum(values.max(axis=0), -values.min(axis=0))
+    return largest
+
+
+def _common_rows(
+    first: Recording, other: Recording, signals: list[str], common: "_CommonTimes"
+) -> Iterator[CommonRows]:
+    """Both recordings at their common times, in blocks where one of them is in a file.
 
     Rows whose times differ by rounding are taken as they are; between rows of the finer one values are interpolated
     linearly.
     """
-    common = _common_times(first, other)
-    columns = [[recording.columns.index(s) for s in signals] for recording in (first, other)]
+    columns = [_selection(recording, signals) for recording in (first, other)]
     for time in common.blocks():
         (one, between), (two, others_between) = (
             _placed(recording, time, chosen, common.slack)
@@ -155,22 +190,35 @@ def common_rows(first: Recording, other: Recording, signals: list[str]) -> Itera
         yield CommonRows(time=time, first=one, other=two, interpolated=max(between, others_between))
 
 
-def _placed(recording: Recording, time: Array, columns: list[int], slack: float) -> tuple[Array, int]:
+def _selection(recording: Recording, signals: list[str]) -> list[int] | slice:
+    """Columns of signals in this order; all of them as a slice, which copies nothing."""
+    columns = [recording.columns.index(signal) for signal in signals]
+    return slice(None) if columns == list(range(len(recording.columns))) else columns
+
+
+def _placed(recording: Recording, time: Array, columns: list[int] | slice, slack: float) -> tuple[Array, int]:
     """Some columns of a recording at other times (rows, columns), and how many of the rows are interpolated."""
     count = len(recording.time)
     begin = min(recording.rows_before(time[0] - slack), count - 1)
     end = recording.rows_before(time[-1] + slack, equal=True)
     times, parts = zip(*recording.blocks(max(begin - 1, 0), min(end + 1, count)), strict=True)
-    own, values = np.concatenate(times), np.concatenate([part[:, columns] for part in parts])
+    own, values = _joined(times), _joined([part[:, columns] for part in parts])
     if len(own) == 1:
         return np.repeat(values, len(time), axis=0), 0
     after = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
     nearest = after - (time - own[after - 1] < own[after] - time)
+    begin, end = int(nearest[0]), int(nearest[0]) + len(time)
+    if end <= len(own) and np.abs(own[begin:end] - time).max() <= slack:  # row by row, the usual case
+        return values[begin:end], 0
     rows = values[nearest]
     between = np.flatnonzero(np.abs(own[nearest] - time) > slack)
     for k in range(values.shape[1]):
         rows[between, k] = np.interp(time[between], own, values[:, k])
     return rows, len(between)
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +235,7 @@ class _CommonTimes:
         """The times, in parts that need little memory."""
         ends = np.linspace(self.first, self.stop, min(self.parts, self.stop - self.first) + 1).astype(int)
         for begin, end in pairwise(ends):
-            yield np.concatenate([time for time, _ in self.coarser.blocks(int(begin), int(end))])
+            yield _joined([time for time, _ in self.coarser.blocks(int(begin), int(end))])
 
 
 def _common_times(first: Recording, other: Recording) -> _CommonTimes:
@@ -208,11 +256,9 @@ def _common_times(first: Recording, other: Recording) -> _CommonTimes:
 
 def _least_interval(recording: Recording) -> float:
     """The shortest time between two rows, s; infinite for one row."""
-    least, before = np.inf, np.empty(0)
-    for time, _ in recording.blocks():
-        least = min(least, np.diff(time, prepend=before).min(initial=np.inf))
-        before = time[-1:]
-    return float(least)
+    if recording.file is not None:
+        return recording.file.least_interval
+    return float(np.diff(recording.time).min(initial=np.inf))
 
 
 def _span(recording: Recording) -> str:

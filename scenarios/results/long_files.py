@@ -12,7 +12,7 @@ import numpy as np
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.simulation.recording import Recording
-from flexbeams.scenarios.simulation.row_file import RowFile
+from flexbeams.scenarios.simulation.row_file import LeftRows, RowFile
 
 LARGE = 2**26  # bytes of a file that is read in blocks
 _ROWS = 2**16  # of a block, about
@@ -41,19 +41,12 @@ def read_long(path: Path) -> Recording | None:
 
 
 def read_partial(path: Path) -> Recording:
-    """The rows that a run left which was killed; InputError for a file that cannot be read."""
+    """The rows that a run left which was killed, where they are; InputError for a file that cannot be read."""
     try:
-        rows = np.load(path, mmap_mode="r")
-        names, width = list(rows.dtype.names or []), len(rows.dtype.names or [])
-        if names[:1] != ["time"] or not len(rows) or rows.dtype.itemsize != 8 * width:
-            raise ValueError
+        file = LeftRows(path)
     except (OSError, ValueError, EOFError):
         raise InputError("", "has no rows that can be read", source=str(path)) from None
-    file = RowFile(names[1:])
-    for begin in range(0, len(rows), _ROWS):
-        block = np.array(rows[begin : begin + _ROWS])
-        file.append(block.view("<f8").reshape(len(block), width))
-    return recorded_rows(file, names[1:])
+    return recorded_rows(file, file.columns)
 
 
 def recorded_rows(file: RowFile, columns: list[str]) -> Recording:
@@ -82,9 +75,10 @@ def _arrow_csv(path: Path, head: int, width: int) -> Iterator[Array]:
     import pyarrow.csv
 
     columns = [str(k) for k in range(width)]
-    options = pyarrow.csv.ReadOptions(column_names=columns, skip_rows=head, block_size=2**22)
-    doubles = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(columns, pyarrow.float64()))
-    for batch in pyarrow.csv.open_csv(path, read_options=options, convert_options=doubles):
+    options = pyarrow.csv.ReadOptions(column_names=columns, skip_rows=head, block_size=2**21)
+    plain = pyarrow.csv.ParseOptions(quote_char=False)
+    doubles = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(columns, pyarrow.float64()), null_values=[])
+    for batch in pyarrow.csv.open_csv(path, read_options=options, parse_options=plain, convert_options=doubles):
         yield np.column_stack([column.to_numpy(zero_copy_only=False) for column in batch.columns])
 
 

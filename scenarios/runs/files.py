@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Figure
-from flexbeams.scenarios.report.decimation import thinned
 from flexbeams.scenarios.report.drawings import drawing_hash
 from flexbeams.scenarios.report.figure_plots import figure_plots
 from flexbeams.scenarios.report.overview import OVERVIEW, overview_plot
 from flexbeams.scenarios.report.plots import FILES, Plot
+from flexbeams.scenarios.results.decimation import thinned
 from flexbeams.scenarios.results.files import json_values, write_formats
 from flexbeams.scenarios.results.folder import CLAIM, SUMMARY, ResultFolder
 from flexbeams.scenarios.results.run import Kind, Run

@@ -16,6 +16,7 @@ from flexbeams.plant.errors import InputError
 
 _MAGIC = b"\x93NUMPY\x03\x00"
 _ALIGNMENT = 64  # bytes
+_ROWS = 2**14  # that are read together
 _DIGITS = 20  # of the number of rows in the header
 
 
@@ -27,19 +28,33 @@ class RowFile:
 
     def __init__(self, columns: Sequence[str], path: Path | None = None) -> None:
         self.path, self.width, self.count = path, 1 + len(columns), 0
+        self._least, self._last = np.inf, np.empty(0)  # s: shortest time between two rows, time of the last one
         self._names = ["time", *columns]
         self._head_size = len(self._head(0))
         try:
+            if path is not None:
+                path.unlink(missing_ok=True)  # who reads rows that an earlier run left there goes on reading these
             self._file = tempfile.TemporaryFile() if path is None else path.open("w+b")  # noqa: SIM115
         except OSError as error:
             raise self._unwritable(error) from None
         self.append(np.empty((0, self.width)))
 
     def append(self, rows: Array) -> None:
-        """Writes rows (k, 1 + columns) at the end; InputError where the disk is full."""
+        """Writes rows (k, 1 + columns) of later times at the end; InputError where the disk is full."""
         self.write(self.count, rows)
         self.count += len(rows)
+        self._note_times(rows[:, 0])
         self._put(0, self._head(self.count))
+
+    def _note_times(self, times: Array) -> None:
+        if len(times):
+            self._least = min(self._least, float(np.diff(times, prepend=self._last).min(initial=np.inf)))
+            self._last = times[-1:].copy()
+
+    @property
+    def least_interval(self) -> float:
+        """The shortest time between two rows, s; infinite for one row."""
+        return self._least
 
     def write(self, first: int, rows: Array) -> None:
         """Writes rows (k, 1 + columns) from row `first` on; InputError where the disk is full."""
@@ -87,3 +102,32 @@ class RowFile:
     def _unwritable(self, error: OSError) -> InputError:
         where = str(self.path or os.path.join(tempfile.gettempdir(), "a temporary file"))
         return InputError("", f"cannot be written: {error.strerror or error}", source=where)
+
+
+class LeftRows(RowFile):
+    """The rows in a file that another process wrote, read where they are; the file stays.
+
+    Raises OSError, EOFError or ValueError where there are none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        rows = np.load(path, mmap_mode="r")
+        self._names = list(rows.dtype.names or [])
+        if self._names[:1] != ["time"] or not len(rows) or rows.dtype != [(name, "<f8") for name in self._names]:
+            raise ValueError
+        self.path, self.width, self.count = None, len(self._names), len(rows)
+        self._head_size = int(rows.offset)
+        self._file = path.open("rb")  # type: ignore[assignment]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns."""
+        return self._names[1:]
+
+    @property
+    def least_interval(self) -> float:
+        """See RowFile; looked for in all rows."""
+        self._least, self._last = np.inf, np.empty(0)
+        for first in range(0, self.count, _ROWS):
+            self._note_times(self.read(first, min(first + _ROWS, self.count))[:, 0])
+        return self._least

@@ -65,6 +65,7 @@ def test_page_and_figure_hold_every_run(runs, tmp_path):
     page = written[0].read_text()
     data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
     assert data["groups"][0]["title"] == "plant.y_pi"
+    assert "<p>tracking: compared 0 to 2.5 s of 2.5 s</p>" in page
     assert [c["label"] for c in data["groups"][0]["panels"][0]["curves"]] == ["feedforward", "tracking"]
     svg = written[2].read_text()
     assert "feedforward" in svg

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexbeams.scenarios.report.decimation import decimated, plotted_rows
+from flexbeams.scenarios.results.decimation import decimated, plotted_rows
 
 
 def noise(rows: int, curves: int) -> np.ndarray:

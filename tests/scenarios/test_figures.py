@@ -13,11 +13,11 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.definition.scenario_file import find_scenario, read_scenario
 from flexbeams.scenarios.definition.schema import Figure, Scenario
 from flexbeams.scenarios.definition.settings import Settings
-from flexbeams.scenarios.report.decimation import decimated
 from flexbeams.scenarios.report.figure_plots import MAX_POINTS, figure_plot, figure_plots
 from flexbeams.scenarios.report.figure_process import FigureProcess
 from flexbeams.scenarios.report.figures import draw, write_figures
 from flexbeams.scenarios.results.curves import figure_curve
+from flexbeams.scenarios.results.decimation import decimated
 from flexbeams.scenarios.runs.scenario import run_scenario
 from flexbeams.scenarios.simulation.recording import Recording
 from tests.helpers import STRUCTURES, design_of

@@ -11,7 +11,7 @@ import pytest
 from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.results.compare import compare
-from flexbeams.scenarios.results.differences import setting_differences, signal_differences
+from flexbeams.scenarios.results.differences import run_differences, setting_differences, signal_differences
 from flexbeams.scenarios.results.files import read_results, write_results
 from flexbeams.scenarios.results.reading import read_recording
 from flexbeams.scenarios.simulation.recording import Recording
@@ -56,7 +56,7 @@ def test_a_coarser_file_in_other_names_and_units(tmp_path: Path) -> None:
     comparison = compare([run, file], {"y": "plant.y_pi"}, {"y": "mm", "time": "ms"})
     assert comparison.signals == COLUMNS[:2]
     assert comparison.left_out == ["plant.u"]
-    found = signal_differences(comparison)
+    found = signal_differences(run_differences(comparison))
     assert {d.signal for d in found} == set(COLUMNS[:2])
     for difference in found:
         assert difference.relative < 1e-14
@@ -69,7 +69,7 @@ def test_the_largest_difference_is_found_where_it_is(tmp_path: Path) -> None:
     values[40, 1] += 1e-12
     values[70, 2] += 2e-9
     file = csv_file(tmp_path / "a.csv", "Time [s];y_pi[1];y_pi[2];u[1]", TIME, *values.T, separator=";")
-    found = signal_differences(compare([run, file]))
+    found = signal_differences(run_differences(compare([run, file])))
     assert [(d.signal, round(d.time, 9)) for d in found[:2]] == [("plant.y_pi[2]", 0.4), ("plant.u[1]", 0.7)]
     assert found[0].largest == pytest.approx(1e-12, rel=1e-3)
     assert found[0].relative == pytest.approx(1e-12 / np.abs(VALUES[:, 1]).max(), rel=1e-3)
@@ -81,7 +81,7 @@ def test_times_between_rows_are_interpolated(tmp_path: Path) -> None:
     run = run_folder_of(tmp_path / "run")
     time = TIME[:-1] + 3e-3
     file = csv_file(tmp_path / "a.csv", "t,plant.u[1]", time, 100 * time)
-    [difference] = signal_differences(compare([run, file]))
+    [difference] = signal_differences(run_differences(compare([run, file])))
     assert difference.relative < 1e-12  # of a straight line
     assert difference.interpolated == difference.rows == 99
 
@@ -96,7 +96,7 @@ def test_settings_that_differ_stand_first(tmp_path: Path) -> None:
         ("coupling", ["jacobi", "gauss-seidel"]),
         ("plant.beam[1].tip_mass", ["", "0.03"]),
     ]
-    assert all(d.relative == pytest.approx(0.1) for d in signal_differences(comparison))
+    assert all(d.relative == pytest.approx(0.1) for d in signal_differences(run_differences(comparison)))
 
 
 def test_what_is_common_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -190,11 +190,11 @@ def test_units_of_measurement_of_runs_and_files_are_compared(
     first = with_units(tmp_path / "first", x="mm", z="degC")
     notes: list[str] = []
     other = with_units(tmp_path / "other", 1e-3, x="m")
-    [difference] = signal_differences(compare([first, other], notify=notes.append))
+    [difference] = signal_differences(run_differences(compare([first, other], notify=notes.append)))
     assert difference.relative < 1e-14
     assert notes == ["other: plant.x is converted from m to mm"]
     file = csv_file(tmp_path / "a.csv", "time,x,z", TIME, VALUES[:, 0] * 1e3, VALUES[:, 1])
-    found = signal_differences(compare([first, file], units={"x": "µm"}))
+    found = signal_differences(run_differences(compare([first, file], units={"x": "µm"})))
     assert all(d.relative < 1e-14 for d in found)
     with pytest.raises(
         InputError, match=r"units 's' and 'mm' are of different quantities: plant\.x of a\.csv and first"
@@ -213,7 +213,7 @@ def test_a_row_of_units_is_read(tmp_path: Path) -> None:
     run = with_units(tmp_path / "run", x="mm")
     rows = [f"{1e3 * t!r},{1e-3 * x!r}" for t, x in zip(TIME.tolist(), VALUES[:, 0].tolist(), strict=True)]
     (tmp_path / "a.csv").write_text("\n".join(["time,plant.x", "ms,m", *rows]) + "\n")
-    [difference] = signal_differences(compare([run, tmp_path / "a.csv"]))
+    [difference] = signal_differences(run_differences(compare([run, tmp_path / "a.csv"])))
     assert difference.relative < 1e-14
     assert difference.rows == 101
 
@@ -279,7 +279,10 @@ def test_every_format_of_a_run_is_read_back(kind: str, tmp_path: Path) -> None:
     order = [read.columns.index(name) for name in COLUMNS]
     np.testing.assert_array_equal(read.values[:, order], VALUES)
     np.testing.assert_array_equal(read.time, TIME)
-    assert signal_differences(compare([run_folder_of(tmp_path / "csv"), tmp_path / "run"]))[0].largest == 0
+    assert (
+        signal_differences(run_differences(compare([run_folder_of(tmp_path / "csv"), tmp_path / "run"])))[0].largest
+        == 0
+    )
 
 
 @pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="needs the extra mf4")
@@ -331,7 +334,7 @@ def test_bad_files_are_refused(
     if name.endswith("parquet"):
         pytest.importorskip("pyarrow")
     with pytest.raises(InputError, match=message) as raised:
-        signal_differences(compare([run_folder_of(tmp_path / "run"), tmp_path / name], **options))
+        signal_differences(run_differences(compare([run_folder_of(tmp_path / "run"), tmp_path / name], **options)))
     assert "secret" not in str(raised.value)
 
 

@@ -17,17 +17,17 @@ from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.choices import Format
 from flexbeams.scenarios.definition.schema import Check, Instance, Scenario, Sensor
 from flexbeams.scenarios.report.comparison import comparison_html
-from flexbeams.scenarios.report.decimation import thinned
 from flexbeams.scenarios.results import differences, long_files
 from flexbeams.scenarios.results.checks import Measurement, standard_metrics
 from flexbeams.scenarios.results.compare import read_folder
+from flexbeams.scenarios.results.decimation import thinned
 from flexbeams.scenarios.results.files import write_results
 from flexbeams.scenarios.results.folder import PARTIAL
 from flexbeams.scenarios.runs import execution, room
 from flexbeams.scenarios.simulation import recording as recordings
 from flexbeams.scenarios.simulation.rates import hold, require_rates
 from flexbeams.scenarios.simulation.recording import Recording
-from flexbeams.scenarios.simulation.row_file import RowFile
+from flexbeams.scenarios.simulation.row_file import LeftRows, RowFile
 from flexbeams.scenarios.simulation.sensors import measure
 from tests.helpers import command
 
@@ -73,6 +73,24 @@ def test_numpy_reads_the_file_while_it_grows(tmp_path: Path) -> None:
     np.testing.assert_array_equal(file.mapped(), rows)
     file.close()
     assert not path.exists()
+
+
+def test_rows_of_a_killed_run_are_read_where_they_are(tmp_path: Path) -> None:
+    """The next run in their folder leaves them to who reads them."""
+    path, rows = tmp_path / "rows.npy", np.column_stack([np.cumsum([1, 0.5, 0.25, 2]), np.ones((4, len(COLUMNS)))])
+    RowFile(COLUMNS, path).append(rows)
+    left = LeftRows(path)
+    assert left.columns == COLUMNS
+    assert left.least_interval == 0.25
+    table = left.mapped()
+    with pytest.raises(InputError, match="cannot be written"):
+        left.append(rows)
+    after = RowFile(COLUMNS, path)
+    after.append(2 * rows)
+    np.testing.assert_array_equal(table, rows)
+    np.testing.assert_array_equal(left.read(1, 3), rows[1:3])
+    left.close()
+    after.close()
 
 
 @pytest.mark.parametrize("written", [64, 200, 1000])
@@ -125,7 +143,7 @@ def test_a_thinned_recording_keeps_every_peak(
 ) -> None:
     memory, file = both
     assert thinned(memory) is memory
-    monkeypatch.setattr("flexbeams.scenarios.report.decimation._THINNED_BYTES", 2**14)
+    monkeypatch.setattr("flexbeams.scenarios.results.decimation._THINNED_BYTES", 2**14)
     kept = thinned(file)
     assert len(kept.time) < ROWS / 2
     rows = np.searchsorted(memory.time, kept.time)
