@@ -285,3 +285,31 @@ def test_a_host_that_has_drifted_reaches_the_stop_time(units: BuiltUnits, unit: 
             step = min(H, stop - time)
             one.step(time, step)
             time += step + (drift if time < stop - 3 * H else 0.0)
+
+
+def test_a_host_whose_clock_is_fast_does_all_its_steps(units: BuiltUnits) -> None:
+    """0.6 us ahead after 3999 of 4000 steps, it may do the last one whole: by the unit's clock it ends in time."""
+    with loaded(units("FlatnessFeedforward")) as one:
+        one.call("setupExperiment", None, 0.0, 4000 * H)
+        one.call("enterInitializationMode")
+        one.call("exitInitializationMode")
+        time = 0.0
+        for _ in range(4000):
+            one.step(time, H)
+            time += H + 1.5e-10
+        with pytest.raises(UnitFailure, match="communicationStepSize must end by stopTime"):
+            one.step(time, H)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_reset_takes_the_start_time_back(units: BuiltUnits, unit: str) -> None:
+    """A host may leave out fmi2SetupExperiment: then the start is 0."""
+    with loaded(units(unit)) as one:
+        one.begin(3.0).advance(H).call("reset")
+        for function in ("enterInitializationMode", "exitInitializationMode"):
+            one.call(function)
+        assert one.take("time")[0] == 0.0
+        one.step(0.0, H)
+        found = one.everything()
+        one.call("reset")
+        np.testing.assert_array_equal(one.begin().advance(H).everything(), found)

@@ -216,6 +216,37 @@ def test_a_transition_may_take_as_long_as_one_under_way(units: BuiltUnits) -> No
         np.testing.assert_allclose(unit.take("y_ref"), 0.0, atol=1e-9)
 
 
+def test_a_slot_is_free_when_the_preview_sees_the_end(units: BuiltUnits) -> None:
+    """The ninth target takes the first one's slot at 0.95 s, its plan effect 125 samples later."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(transition_time=1.0, preview=0.05)
+        for k in range(8):
+            unit.advance(0.1, y_target=TARGET * (k + 1) / 16)
+        unit.advance(0.95 + PLANNING - 0.8, y_target=0.6 * TARGET, transition_time=0.9)
+        assert unit.take("planned_time")[0] == 1.0
+        assert unit.advance(2 * SAMPLE).take("planned_time")[0] == 0.9
+
+
+def test_a_motion_ends_with_a_target_that_is_refused(units: BuiltUnits) -> None:
+    """A longer preview sees the end in the step that refuses the next target."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(transition_time=0.5, preview=0.0).advance(0.48, y_target=0.1 * TARGET)
+        unit.advance(SAMPLE, preview=0.05, y_target=FAR)
+        assert unit.take("target_refused", "moving").tolist() == [1.0, 0.0]
+        np.testing.assert_allclose(unit.take("u_ff"), voltages_of(0.1 * TARGET), rtol=1e-12)
+
+
+def test_a_target_refused_on_the_way_is_named_by_its_time(units: BuiltUnits) -> None:
+    """That at which it was set, not that at which its search ended."""
+    with loaded(units("FlatnessFeedforward")) as unit:
+        unit.begin(transition_time=0.9).advance(0.3, y_target=TARGET)
+        unit.advance(0.1, voltage_limit=500.0, transition_time=3.0, y_target=0.3 * TARGET)
+        assert unit.take("target_refused")[0] == 1
+        [note] = unit.notes
+        assert note.startswith("unit: y_target at 0.3 s is refused: it takes ")
+        assert note.endswith(" V on the way, voltage_limit is 500.0 V; the target before is held")
+
+
 def test_target_out_of_reach_is_held_with_one_warning(units: BuiltUnits) -> None:
     with loaded(units("FlatnessFeedforward")) as unit:
         unit.begin()

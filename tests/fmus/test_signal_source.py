@@ -199,6 +199,15 @@ def test_samples_between_the_unit_s_own_steps_are_those_of_their_time(source: So
         assert walk(source, array, time) == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.max(np.abs(expected)))
 
 
+@pytest.mark.parametrize("array", SIZES)
+def test_an_edge_is_reached_a_nanosecond_early(source: Source, array: str) -> None:
+    """As in the runner: half a nanosecond before it counts as reached, two before do not."""
+    edges = np.array([0.01, 0.0137, 0.05, 0.1, 0.2, 0.2342, 0.3])
+    time = np.sort(np.concatenate([[0.0], edges - 2e-9, edges - 5e-10]))
+    expected = source.expected(array, time)
+    assert walk(source, array, time) == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.max(np.abs(expected)))
+
+
 def test_parameters_are_the_scenario_s_and_can_be_changed(source: Source) -> None:
     names = [v.name for v in source.description.modelVariables if v.causality == "parameter"]
     assert {

@@ -67,6 +67,10 @@ def test_from_rest_to_rest(backend: str) -> None:
         np.testing.assert_allclose(end[:4], design().arrays["static_inverse"] @ TARGET, rtol=1e-12)
         np.testing.assert_allclose(end[34:38], TARGET, rtol=1e-9)
         np.testing.assert_array_equal(feedforward.advance(3.0).take("u_ff", "x_ref", "y_ref", "moving"), end)
+        feedforward.advance(9.0, y_target=-TARGET, transition_time=0.3, voltage_limit=820.0)
+        assert "is stretched from 0.3 s" in feedforward.notes[-1]
+        feedforward.advance(0.1, y_target=TARGET / 2, transition_time=0.5, voltage_limit=1e3)
+        assert feedforward.notes[-1].endswith("takes 0.567 s, the next longer time of the design to 0.5 s")
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
