@@ -103,7 +103,7 @@ PROFILES = {
             "voltage_limit": uniform(700.0, 1100.0),
             "voltage_min": lambda rng: -rng.uniform(500.0, 1200.0, 4),
             "voltage_max": lambda rng: rng.uniform(500.0, 1200.0, 4),
-            "preview": uniform(0.0, 0.02),
+            "preview": uniform(0.0, 0.1),
         },
         refused=[("y_target[1]", np.inf), ("y_target[2]", 1e308), ("transition_time", 1e-4), ("voltage_limit", -1.0)]
         + [("voltage_min[2]", 1.0), ("voltage_max[4]", -1.0)],
@@ -141,6 +141,8 @@ _PATCHES: dict[str, Callable[[np.random.Generator], Any]] = {
     "play_weight": uniform(0.0, 0.2),
     "play_threshold[1,7]": uniform(600.0, 900.0),
     "dead_zone_slope": uniform(-0.4, 0.1),
+    "dead_zone_threshold[1,2]": lambda rng: float(rng.choice([-200.0, 0.0, 500.0])),
+    "dead_zone_threshold[2,1]": lambda rng: float(rng.choice([-400.0, 0.0, 500.0])),
     "creep_weight": uniform(0.0, 0.05),
     "creep_time[2,1]": uniform(1e-4, 1e3),
     "history[1,4]": uniform(-900.0, 900.0),
@@ -312,10 +314,14 @@ class Life:
             self.act(*begin)
 
     def terminate(self) -> None:
+        """Read before, or only from a state that was saved after."""
         self.end_copies()
-        before = self.unit.everything()
+        before = self.unit.everything() if self.rng.uniform() < 0.5 else None
         self.unit.call("terminate")
-        np.testing.assert_array_equal(self.unit.everything(), before)
+        content = self.unit.saved()
+        after = self.unit.everything()
+        np.testing.assert_array_equal(after if before is None else before, after)
+        np.testing.assert_array_equal(self.unit.restore(content).everything(), after)
         self.reset()
 
     ACTIONS = ("step", "change", "burst", "save", "restore", "restore_after_reset", "restore_into_initialisation")
