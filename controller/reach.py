@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import null_space
-from scipy.optimize import linprog
 
 from flexbeams.controller.voltage_limits import VoltageLimits
 from flexbeams.plant.basis import Array
@@ -71,6 +69,8 @@ def idle_voltages(inverse: Array) -> Array:
 
     `inverse` (n_u, n_pi) is G_0^+.
     """
+    from scipy.linalg import null_space  # which takes longer to load than a run that does not ask
+
     basis: Array = null_space(inverse.T, rcond=IDLE)
     return basis
 
@@ -84,6 +84,8 @@ def voltages_within(limits: VoltageLimits, voltages: Array, idle: Array) -> Arra
     rows = np.vstack([np.hstack([idle, one]), np.hstack([-idle, one])])
     room = np.concatenate([limits.highest - voltages, voltages - limits.lowest])
     distance = np.append(np.zeros(idle.shape[1]), 1.0)
+    from scipy.optimize import linprog
+
     found = linprog(-distance, A_ub=rows, b_ub=room, bounds=(None, None))
     if not found.success or found.x[-1] < 0.0:
         return None
