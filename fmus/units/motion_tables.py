@@ -142,6 +142,7 @@ def _curves(data: UnitData) -> Fields:
         "durations": count,
         "intervals": intervals,
         "planning_portion": float(planning_portion(MOST_CANDIDATES, intervals)),
+        "candidate_work": 0.0,
         "curve_durations": Table(
             values=durations,
             comment=f"transition times of the voltage curves, ({count},), s",
@@ -164,11 +165,12 @@ def _curves(data: UnitData) -> Fields:
 def _spline_curves(data: UnitData) -> Fields:
     """The times at which the planner looks at a spline."""
     tau, count = sample_points(), len(data.arrays["spline_times"])
-    pairs = len(data.arrays["static_inverse"])
+    # the control points of a duration take as long as some 7 times as many looks as there are pairs
+    candidate_work = 7.0 * len(data.arrays["static_inverse"])
     return {
         "durations": count,
         "intervals": len(tau) - 1,
-        # the control points of a duration take as long as some 7 times as many looks as there are pairs
-        "planning_portion": float(planning_portion(count, len(tau) - 1, extra=7.0 * pairs)),
+        "planning_portion": float(planning_portion(count, len(tau) - 1, extra=candidate_work)),
+        "candidate_work": candidate_work,
         "curve_grid": Table(values=tau, comment=f"t / T at which the planner looks at splines, ({len(tau)},), 1"),
     }

@@ -38,6 +38,42 @@ void multiply_panels(size_t rows, size_t columns, const double *panels, const do
     }
 }
 
+void multiply_panels_twice(size_t rows, size_t columns, const double *panels, const double *X, size_t stride,
+                           size_t vectors, double *Y)
+{
+    if (vectors == 1) {
+        multiply_panels(rows, columns, panels, X, false, Y);
+        return;
+    }
+    const double *const other = X + stride;
+    for (size_t i = 0; i < rows; i += PANEL) {
+        const Pair zero = pair_of(0.0);
+        Pair sums[2][PANEL / 2] = {{zero, zero, zero, zero}, {zero, zero, zero, zero}};
+        for (size_t j = 0; j < columns; j++, panels += PANEL) {
+            const Pair factor = pair_of(X[j]);
+            const Pair second = pair_of(other[j]);
+            const Pair entries[PANEL / 2] = {pair_load(panels), pair_load(panels + 2), pair_load(panels + 4),
+                                             pair_load(panels + 6)};
+            sums[0][0] = pair_add_product(sums[0][0], entries[0], factor);
+            sums[0][1] = pair_add_product(sums[0][1], entries[1], factor);
+            sums[0][2] = pair_add_product(sums[0][2], entries[2], factor);
+            sums[0][3] = pair_add_product(sums[0][3], entries[3], factor);
+            sums[1][0] = pair_add_product(sums[1][0], entries[0], second);
+            sums[1][1] = pair_add_product(sums[1][1], entries[1], second);
+            sums[1][2] = pair_add_product(sums[1][2], entries[2], second);
+            sums[1][3] = pair_add_product(sums[1][3], entries[3], second);
+        }
+        double products[2][PANEL];
+        for (size_t l = 0; l < 2; l++)
+            for (size_t k = 0; k < PANEL / 2; k++)
+                pair_store(products[l] + 2 * k, sums[l][k]);
+        for (size_t k = 0; k < PANEL && i + k < rows; k++) {
+            Y[i + k] = products[0][k];
+            Y[rows + i + k] = products[1][k];
+        }
+    }
+}
+
 NOT_INLINED void multiply_matrices(size_t rows, size_t inner, size_t columns, const double *A, const double *B,
                                    double *C)
 {

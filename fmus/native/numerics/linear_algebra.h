@@ -19,6 +19,9 @@ INTERNAL size_t panels_size(size_t rows, size_t columns);
 INTERNAL void fill_panels(size_t rows, size_t columns, const double *matrix, size_t stride, double *panels);
 /* y = A x, or y += A x where `add`; A (rows, columns) in panels, x (columns,), y (rows,) apart from x. */
 INTERNAL void multiply_panels(size_t rows, size_t columns, const double *panels, const double *x, bool add, double *y);
+/* Y (vectors, rows) = A x for one or two vectors x (columns,), which start `stride` doubles apart. */
+INTERNAL void multiply_panels_twice(size_t rows, size_t columns, const double *panels, const double *X, size_t stride,
+                                    size_t vectors, double *Y);
 
 /* C = A B; A (rows, inner), B (inner, columns), C (rows, columns) apart from both. */
 INTERNAL void multiply_matrices(size_t rows, size_t inner, size_t columns, const double *A, const double *B, double *C);

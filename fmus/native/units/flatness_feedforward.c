@@ -45,12 +45,6 @@ static Motion motion_of(const UnitInstance *unit)
                     .splines = unit->workspace};
 }
 
-static PlanSearch search_of(const UnitInstance *unit)
-{
-    const FlatnessFeedforwardData *const feedforward = unit->data;
-    return search_in(feedforward, motion_of(unit).changes + SLOTS * feedforward->flat.voltages);
-}
-
 static bool has_splines(const FlatnessFeedforwardData *feedforward)
 {
     return feedforward->splines.durations > 0;
@@ -62,7 +56,7 @@ static size_t splines_size(const FlatnessFeedforwardData *feedforward)
 }
 
 /* Workspace: the splines of the motion; then scratch of its evaluation, at most with voltages and states behind it; or
-   the outputs' arguments; or a change and the limits of the voltages. */
+   the outputs' arguments; or a change, the limits of the voltages, and scratch of a search. */
 static size_t evaluation_scratch(const FlatnessFeedforwardData *feedforward)
 {
     return has_splines(feedforward) ? spline_scratch(&feedforward->splines) : flat_output_scratch(&feedforward->flat);
@@ -73,12 +67,20 @@ static size_t flatness_feedforward_workspace_size(const void *data)
     const FlatnessFeedforwardData *const feedforward = data;
     const size_t voltages = feedforward->flat.voltages;
     const size_t evaluation = evaluation_scratch(feedforward) + voltages + feedforward->flat.states;
-    return splines_size(feedforward) + (evaluation > 3 * voltages ? evaluation : 3 * voltages);
+    const size_t planning = 3 * voltages + search_scratch(feedforward);
+    return splines_size(feedforward) + (evaluation > planning ? evaluation : planning);
 }
 
 static double *scratch_of(const UnitInstance *unit)
 {
     return unit->workspace + splines_size(unit->data);
+}
+
+static PlanSearch search_of(const UnitInstance *unit)
+{
+    const FlatnessFeedforwardData *const feedforward = unit->data;
+    const size_t voltages = feedforward->flat.voltages;
+    return search_in(feedforward, motion_of(unit).changes + SLOTS * voltages, scratch_of(unit) + 3 * voltages);
 }
 
 static double reached_by(const UnitInstance *unit, double time)
@@ -304,20 +306,22 @@ static void plan_target(UnitInstance *unit, double tick)
     find_change(unit, change);
     const VoltageRange limits = limits_of(unit);
     const double shortest = unit->values[feedforward->transition_time];
+    const bool rests = motion.count == 0;
+    const double later = (tick + feedforward->planning_ticks) * feedforward->sample_time;
     TransitionPlan plan;
-    if (!begin_search(feedforward, &motion, search, time, change, shortest, limits, &plan)) {
+    if (!begin_search(feedforward, &motion, search, rests ? time : later, change, shortest, limits, &plan)) {
         follow_plan(unit, &plan, tick);
         return;
     }
-    if (motion.count == 0 && first_fits(feedforward, &motion, search)) {
+    if (rests && first_fits(feedforward, &motion, search)) {
         plan = conclude_search(feedforward, &motion, search);
         follow_plan(unit, &plan, tick);
         return;
     }
     unit->state[DUE] = tick + feedforward->planning_ticks;
-    begin_search(feedforward, &motion, search, unit->state[DUE] * feedforward->sample_time, change, shortest, limits,
-                 &plan);
-    if (motion.count > 0)
+    if (rests)
+        begin_search(feedforward, &motion, search, later, change, shortest, limits, &plan);
+    else
         continue_search(feedforward, &motion, search);
 }
 

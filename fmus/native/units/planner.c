@@ -10,6 +10,7 @@
 #define LONGEST_FACTOR 8.0  /* longest transition tried, as a multiple of the longest one tabulated or under way */
 #define MOST_CANDIDATES 128 /* durations tried from the requested one to the longest */
 #define LIMIT_ROUNDING 1e-9 /* of the largest limit: a voltage this far beyond its own is within */
+#define NOT_BEGUN (-1.0)
 
 /* The numbers of a search. Candidates are durations in ascending order; LOW is the longest that is known not to fit,
    -1 at first, HIGH the shortest that is known to fit, their count at first. */
@@ -19,7 +20,7 @@ enum {
     GROWTH,     /* ratio of neighbours */
     LOW,
     HIGH,
-    CURVE,   /* transition at whose times the motion is looked at */
+    CURVE,   /* transition at whose times the motion is looked at, NOT_BEGUN before a duration is used */
     SAMPLE,  /* the next of these times */
     SAMPLED, /* times looked at of this transition */
     PEAK,    /* of HIGH, or where that is none, of LOW, V */
@@ -32,17 +33,23 @@ enum {
 
 size_t search_size(const FlatnessFeedforwardData *data)
 {
-    return SEARCH_NUMBERS + 7 * data->flat.voltages;
+    return SEARCH_NUMBERS + 6 * data->flat.voltages;
 }
 
-PlanSearch search_in(const FlatnessFeedforwardData *data, double *memory)
+size_t search_scratch(const FlatnessFeedforwardData *data)
+{
+    return (2 + LOOKS) * data->flat.voltages;
+}
+
+PlanSearch search_in(const FlatnessFeedforwardData *data, double *memory, double *scratch)
 {
     const size_t voltages = data->flat.voltages;
     double *const arrays = memory + SEARCH_NUMBERS;
     return (PlanSearch){.numbers = memory,
                         .tolerated = {.lowest = arrays, .highest = arrays + voltages},
                         .range = {.lowest = arrays + 2 * voltages, .highest = arrays + 3 * voltages},
-                        .samples = arrays + 4 * voltages};
+                        .latest = arrays + 4 * voltages,
+                        .rows = scratch};
 }
 
 static Motion extended(const Motion *motion)
@@ -126,7 +133,7 @@ static void note_violation(double *numbers, Violation violation)
     numbers[IS_BELOW] = violation.is_below;
 }
 
-/* Takes what was seen of a duration into account, and begins the next. */
+/* Takes what was seen of a duration into account. After the last one the transition is that of the plan. */
 static void end_candidate(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
 {
     const size_t voltages = data->flat.voltages;
@@ -145,7 +152,9 @@ static void end_candidate(const FlatnessFeedforwardData *data, const Motion *mot
             numbers[PEAK] = peak;
     }
     if (!is_done(numbers))
-        begin_candidate(data, motion, search);
+        numbers[CURVE] = NOT_BEGUN;
+    else if (numbers[HIGH] < numbers[CANDIDATES] && numbers[HIGH] != index)
+        use_candidate(data, motion, numbers, numbers[HIGH]);
 }
 
 /* Peak of the parabola through three neighbours where they turn, else the middle one. */
@@ -162,22 +171,39 @@ static void include(VoltageRange range, size_t pair, double voltage)
     range.highest[pair] = larger(voltage, range.highest[pair]);
 }
 
-/* Planned voltages at a time, and those between this one and the two before. */
-static void look_at(const FlatnessFeedforwardData *data, const Motion *longer, VoltageCurve *curves, double time,
-                    PlanSearch search)
+/* Planned voltages at ascending times, and those between each one and the two before. */
+static void look_at(const FlatnessFeedforwardData *data, const Motion *longer, VoltageCurve *curves, size_t count,
+                    const double *times, PlanSearch search)
 {
     const size_t voltages = data->flat.voltages;
-    const double *const before = search.samples;
-    const double *const here = before + voltages;
-    double *const after = search.samples + 2 * voltages;
-    memmove(search.samples, here, 2 * voltages * sizeof *after);
-    voltages_at(data, longer, curves, time, after);
-    search.numbers[SAMPLED] += 1.0;
-    for (size_t j = 0; j < voltages; j++)
-        include(search.range, j, after[j]);
-    if (search.numbers[SAMPLED] >= 3.0)
+    const double *row = search.rows;
+    double *const after = search.rows + 2 * voltages;
+    memcpy(search.rows, search.latest, 2 * voltages * sizeof *row);
+    voltages_at(data, longer, curves, count, times, after);
+    for (size_t i = 0; i < count; i++, row += voltages) {
+        search.numbers[SAMPLED] += 1.0;
         for (size_t j = 0; j < voltages; j++)
-            include(search.range, j, parabola_peak(before[j], here[j], after[j]));
+            include(search.range, j, row[2 * voltages + j]);
+        if (search.numbers[SAMPLED] >= 3.0)
+            for (size_t j = 0; j < voltages; j++)
+                include(search.range, j, parabola_peak(row[j], row[voltages + j], row[2 * voltages + j]));
+    }
+    memcpy(search.latest, row, 2 * voltages * sizeof *row);
+}
+
+/* Index of the first of a transition's times that is later than `now`; intervals + 1 where none is. */
+static size_t first_after(const FlatnessFeedforwardData *data, double start, double duration, double now)
+{
+    size_t low = 0;
+    size_t high = data->intervals + 1;
+    while (low < high) {
+        const size_t middle = (low + high) / 2;
+        if (start + duration * data->curve_grid[middle] > now)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
 }
 
 /* Looks at a duration until it is known or `work` is done, in units of one transition at one time; returns what is
@@ -185,25 +211,33 @@ static void look_at(const FlatnessFeedforwardData *data, const Motion *longer, V
 static double look_at_candidate(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search,
                                 double work)
 {
+    if (search.numbers[CURVE] == NOT_BEGUN) {
+        begin_candidate(data, motion, search);
+        work -= data->candidate_work;
+    }
     const Motion longer = extended(motion);
     const size_t last = motion->count;
     const double now = motion->starts[last];
-    VoltageCurve curves[SLOTS];
     size_t k = (size_t)search.numbers[CURVE];
     size_t i = (size_t)search.numbers[SAMPLE];
     for (; k <= last && work > 0.0; k++, i = 0) {
         const double start = motion->starts[k];
         const double duration = motion->durations[k];
-        curves_of(data, &longer, start + duration * data->curve_grid[i], curves);
         if (i == 0)
             search.numbers[SAMPLED] = 0.0;
-        for (; i <= data->intervals && work > 0.0; i++) {
-            const double time = start + duration * data->curve_grid[i];
-            work -= 1.0;
-            if (k != last && !(time > now))
-                continue;
-            look_at(data, &longer, curves, time, search);
-            work -= (double)longer.count;
+        if (i == 0 && k < last)
+            i = first_after(data, start, duration, now);
+        VoltageCurve curves[SLOTS];
+        if (i <= data->intervals)
+            curves_of(data, &longer, start + duration * data->curve_grid[i], curves);
+        while (i <= data->intervals && work > 0.0) {
+            double times[LOOKS];
+            size_t count = 0;
+            for (; count < LOOKS && i <= data->intervals && work > 0.0; i++) {
+                times[count++] = start + duration * data->curve_grid[i];
+                work -= 1.0 + (double)longer.count;
+            }
+            look_at(data, &longer, curves, count, times, search);
         }
         if (i <= data->intervals)
             break;
@@ -222,7 +256,7 @@ bool begin_search(const FlatnessFeedforwardData *data, const Motion *motion, Pla
     const size_t slot = motion->count;
     motion->starts[slot] = now;
     memcpy(motion->changes + slot * voltages, change, voltages * sizeof *change);
-    const VoltageRange goal = {.lowest = search.samples, .highest = search.samples};
+    const VoltageRange goal = {.lowest = search.rows, .highest = search.rows};
     for (size_t j = 0; j < voltages; j++) {
         goal.lowest[j] = motion->offset[j] + change[j];
         for (size_t k = 0; k < slot; k++)
@@ -236,16 +270,16 @@ bool begin_search(const FlatnessFeedforwardData *data, const Motion *motion, Pla
     note_violation(search.numbers, plan->violation);
     VoltageCurve curves[SLOTS];
     curves_of(data, motion, now, curves);
-    voltages_at(data, motion, curves, now, search.samples);
+    voltages_at(data, motion, curves, 1, &now, search.rows);
     for (size_t j = 0; j < voltages; j++) {
-        search.tolerated.lowest[j] = smaller(search.samples[j], limits.lowest[j]);
-        search.tolerated.highest[j] = larger(search.samples[j], limits.highest[j]);
+        search.tolerated.lowest[j] = smaller(search.rows[j], limits.lowest[j]);
+        search.tolerated.highest[j] = larger(search.rows[j], limits.highest[j]);
     }
     set_candidates(data, motion, shortest, search.numbers);
     search.numbers[LOW] = -1.0;
     search.numbers[HIGH] = search.numbers[CANDIDATES];
     search.numbers[PEAK] = plan->peak;
-    begin_candidate(data, motion, search);
+    search.numbers[CURVE] = NOT_BEGUN;
     return true;
 }
 
@@ -272,10 +306,8 @@ TransitionPlan conclude_search(const FlatnessFeedforwardData *data, const Motion
                                          .pair = (size_t)numbers[PAIR],
                                          .voltage = numbers[VOLTAGE],
                                          .is_below = numbers[IS_BELOW] != 0.0}};
-    if (numbers[HIGH] < numbers[CANDIDATES]) {
-        use_candidate(data, motion, numbers, numbers[HIGH]);
+    if (numbers[HIGH] < numbers[CANDIDATES])
         plan.duration = motion->durations[motion->count];
-    }
     return plan;
 }
 
@@ -295,7 +327,7 @@ bool search_is_valid(const FlatnessFeedforwardData *data, const Motion *motion, 
                                                    numbers[GROWTH] > 1.0 && numbers[GROWTH] < 1e12;
     return has_candidates && is_index(count, 1.0, most) && is_index(numbers[LOW], -1.0, count - 1) &&
            is_index(numbers[HIGH], numbers[LOW] + 1, count) &&
-           is_index(numbers[CURVE], 0.0, (double)motion->count + 1) &&
+           is_index(numbers[CURVE], NOT_BEGUN, (double)motion->count + 1) &&
            is_index(numbers[SAMPLE], 0.0, (double)data->intervals) &&
            is_index(numbers[SAMPLED], 0.0, (double)data->intervals + 1) &&
            is_index(numbers[PAIR], 0.0, (double)data->flat.voltages - 1) && motion->count < SLOTS &&
@@ -304,6 +336,9 @@ bool search_is_valid(const FlatnessFeedforwardData *data, const Motion *motion, 
 
 void restore_search(const FlatnessFeedforwardData *data, const Motion *motion, PlanSearch search)
 {
-    if (!is_done(search.numbers))
-        use_candidate(data, motion, search.numbers, next_candidate(search.numbers));
+    const double *const numbers = search.numbers;
+    if (!is_done(numbers) && numbers[CURVE] != NOT_BEGUN)
+        use_candidate(data, motion, numbers, next_candidate(numbers));
+    else if (is_done(numbers) && numbers[HIGH] < numbers[CANDIDATES])
+        use_candidate(data, motion, numbers, numbers[HIGH]);
 }

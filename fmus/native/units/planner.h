@@ -21,12 +21,14 @@ typedef struct {
     double *numbers;        /* see planner.c */
     VoltageRange tolerated; /* the limits, and where voltages are beyond one at the start, these */
     VoltageRange range;     /* of the duration that is tried, as far as it was looked at */
-    double *samples;        /* (3, voltages): the latest voltages in a row */
+    double *latest;         /* (2, voltages): voltages at the times looked at last */
+    double *rows;           /* scratch: these, and those that follow */
 } PlanSearch;
 
-/* Doubles of a search, and the search in `memory`, which is zero at first. */
+/* Doubles of a search and of its scratch, and the search in `memory`, which is zero at first. */
 INTERNAL size_t search_size(const FlatnessFeedforwardData *data);
-INTERNAL PlanSearch search_in(const FlatnessFeedforwardData *data, double *memory);
+INTERNAL size_t search_scratch(const FlatnessFeedforwardData *data);
+INTERNAL PlanSearch search_in(const FlatnessFeedforwardData *data, double *memory, double *scratch);
 
 /* Begins the search of a transition from `now` by `change` (voltages,), of at least `shortest` s, that keeps the whole
    motion within the limits, or where a voltage is beyond one at `now`, since that was narrowed, no further than it is.

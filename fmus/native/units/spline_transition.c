@@ -5,6 +5,7 @@
 
 #include "linear_algebra.h"
 #include "ranges.h"
+#include "vectors.h"
 
 #define FREE_POINTS (SPANS - DEGREE)
 #define SERIES_TERMS 14 /* of phi_6 for |z| < 1 */
@@ -17,6 +18,16 @@ static const double span_derivatives[DEGREE + 1][DEGREE + 1] = {
     {-0.5, 1.0, 0.0, -1.0, 0.5, 0.0},
     {1.0, -4.0, 6.0, -4.0, 1.0, 0.0},
     {-1.0, 5.0, -10.0, 10.0, -5.0, 1.0},
+};
+
+/* The same over factorials: row k has the coefficients of the k-th power of the fraction of a span. */
+static const double span_polynomials[DEGREE + 1][DEGREE + 1] = {
+    {1.0 / 120, 26.0 / 120, 66.0 / 120, 26.0 / 120, 1.0 / 120, 0.0},
+    {-1.0 / 24, -10.0 / 24, 0.0, 10.0 / 24, 1.0 / 24, 0.0},
+    {1.0 / 12, 2.0 / 12, -6.0 / 12, 2.0 / 12, 1.0 / 12, 0.0},
+    {-1.0 / 12, 2.0 / 12, 0.0, -2.0 / 12, 1.0 / 12, 0.0},
+    {1.0 / 24, -4.0 / 24, 6.0 / 24, -4.0 / 24, 1.0 / 24, 0.0},
+    {-1.0 / 120, 5.0 / 120, -10.0 / 120, 10.0 / 120, -5.0 / 120, 1.0 / 120},
 };
 
 static const double inverse_factorials[DEGREE + 1] = {1.0, 1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120};
@@ -70,8 +81,7 @@ void begin_spline(const SplineTransitions *tables, size_t row, const double *cha
     memset(spline, 0, (DEGREE + FREE_POINTS) * voltages * sizeof *spline);
     double *const free_points = spline + DEGREE * voltages;
     for (size_t j = 0; j < voltages; j++, table += width)
-        for (size_t i = 0; i < width; i++)
-            free_points[i] += change[j] * table[i];
+        vector_add_scaled(width, change[j], table, free_points);
     for (size_t i = DEGREE + FREE_POINTS; i < SPLINE_POINTS; i++)
         memcpy(spline + i * voltages, change, voltages * sizeof *spline);
     *spline_in(tables, spline).span = -1.0;
@@ -91,18 +101,14 @@ void add_spline_voltages(const SplineTransitions *tables, const double *spline, 
     double fraction;
     const double *const points = spline + span_at(tau, &fraction) * tables->voltages;
     double weights[DEGREE + 1];
-    memcpy(weights, span_derivatives[0], sizeof weights);
-    double power = 1.0;
-    for (size_t k = 1; k <= DEGREE; k++) {
-        power *= fraction / (double)k;
-        for (size_t q = 0; q <= DEGREE; q++)
-            weights[q] += power * span_derivatives[k][q];
+    for (size_t q = 0; q <= DEGREE; q += 2) {
+        Pair sum = pair_load(span_polynomials[DEGREE] + q);
+        for (size_t k = DEGREE; k > 0; k--)
+            sum = pair_add_product(pair_load(span_polynomials[k - 1] + q), pair_of(fraction), sum);
+        pair_store(weights + q, sum);
     }
-    for (size_t q = 0; q <= DEGREE; q++) {
-        const double weight = weights[q];
-        for (size_t j = 0; j < tables->voltages; j++)
-            u[j] += weight * points[q * tables->voltages + j];
-    }
+    for (size_t q = 0; q <= DEGREE; q++)
+        vector_add_scaled(tables->voltages, weights[q], points + q * tables->voltages, u);
 }
 
 /* phi_0 = e^z and phi_k = integral over [0, 1] of e^((1 - s) z) s^(k-1) / (k-1)!, k = 1 ... 6, real parts and imaginary

@@ -5,7 +5,7 @@
 
 #include <stddef.h>
 
-#include "internal.h"
+#include "pair.h"
 
 #define LOCAL_TERMS 16 /* that carry Theta from a node of its table to its neighbourhood without loss */
 
@@ -19,10 +19,10 @@ typedef struct {
 /* Highest power of the series that gives the coefficients up to `degree`. */
 INTERNAL size_t transition_terms(size_t degree);
 
-/* Taylor coefficients Theta^(i)(tau) unit^i / i!, i = 0 ... degree, at tau within [0, 1]; returns the unit, at most
-   tau (1 - tau), which keeps them within the range of doubles. With terms = transition_terms(degree) `coefficients`
-   has room for terms + 1, `scratch` for 2 terms. */
-INTERNAL double transition_series(const Transition *transition, double tau, size_t degree, double *coefficients,
-                                  double *scratch);
+/* Two transitions side by side: Taylor coefficients Theta^(i)(tau) unit^i / i!, i = 0 ... degree, at two `tau` within
+   [0, 1], in pairs; returns the units, at most tau (1 - tau), which keep them within the range of doubles. With terms =
+   transition_terms(degree) `coefficients` has room for 2 (terms + 1) doubles, `scratch` for 4 terms. */
+INTERNAL Pair transition_series(const Transition *transition, const double tau[2], size_t degree, double *coefficients,
+                                double *scratch);
 
 #endif

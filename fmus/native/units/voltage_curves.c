@@ -1,8 +1,7 @@
 #include "voltage_curves.h"
 
-#include <string.h>
-
 #include "ranges.h"
+#include "vectors.h"
 
 static double progress(const VoltageCurve *curve, double time)
 {
@@ -44,32 +43,48 @@ void curves_of(const FlatnessFeedforwardData *data, const Motion *motion, double
     }
 }
 
-/* The curve at tau within [0, 1], linear on each interval. */
-static double curve_at(const FlatnessFeedforwardData *data, VoltageCurve *curve, double tau)
+/* The curve's values at ascending times (count,), linear on each interval of the grid. */
+static void follow_curve(const FlatnessFeedforwardData *data, VoltageCurve *curve, size_t count, const double *times,
+                         double *values)
 {
+    const VoltageCurve own = *curve;
     const double *const grid = data->curve_grid;
-    size_t index = curve->index;
-    while (index + 1 < data->intervals && grid[index + 1] <= tau)
-        index++;
+    const double *const rates = data->curve_rates;
+    const size_t last = data->intervals - 1;
+    size_t index = own.index;
+    double left = 0.0;
+    double rise = 0.0;
+    bool is_new = true;
+    for (size_t i = 0; i < count; i++) {
+        const double tau = progress(&own, times[i]);
+        for (; index < last && grid[index + 1] <= tau; index++)
+            is_new = true;
+        if (is_new) {
+            left = (1 - own.share) * own.shorter[index] + own.share * own.longer[index];
+            rise = (1 - own.share) * own.shorter[index + 1] + own.share * own.longer[index + 1] - left;
+            is_new = false;
+        }
+        values[i] = left + rise * ((tau - grid[index]) * rates[index]);
+    }
     curve->index = index;
-    const double left = (1 - curve->share) * curve->shorter[index] + curve->share * curve->longer[index];
-    const double right = (1 - curve->share) * curve->shorter[index + 1] + curve->share * curve->longer[index + 1];
-    return left + (right - left) * ((tau - grid[index]) * data->curve_rates[index]);
 }
 
-void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, double time,
-                 double *u)
+void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, size_t count,
+                 const double *times, double *u)
 {
     const size_t voltages = data->flat.voltages;
-    memcpy(u, motion->offset, voltages * sizeof *u);
+    for (size_t i = 0; i < count; i++)
+        for (size_t j = 0; j < voltages; j++)
+            u[i * voltages + j] = motion->offset[j];
     for (size_t k = 0; k < motion->count; k++) {
-        const double tau = progress(&curves[k], time);
         if (curves[k].spline != NULL) {
-            add_spline_voltages(&data->splines, curves[k].spline, tau, u);
+            for (size_t i = 0; i < count; i++)
+                add_spline_voltages(&data->splines, curves[k].spline, progress(&curves[k], times[i]), u + i * voltages);
             continue;
         }
-        const double height = curve_at(data, &curves[k], tau);
-        for (size_t j = 0; j < voltages; j++)
-            u[j] += height * motion->changes[k * voltages + j];
+        double heights[LOOKS];
+        follow_curve(data, &curves[k], count, times, heights);
+        for (size_t i = 0; i < count; i++)
+            vector_add_scaled(voltages, heights[i], motion->changes + k * voltages, u + i * voltages);
     }
 }

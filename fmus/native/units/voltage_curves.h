@@ -5,6 +5,8 @@
 
 #include "flatness_feedforward.h"
 
+#define LOOKS 16 /* times looked at together */
+
 /* A transition: D_u(d/dt) Theta between two of the tabulated curves, which serves every input and target, since D_u is
    scalar; or a spline of all voltages. */
 typedef struct {
@@ -19,9 +21,9 @@ typedef struct {
 
 /* The curves of a motion, of `count` transitions, for times from `time` (s) on. */
 INTERNAL void curves_of(const FlatnessFeedforwardData *data, const Motion *motion, double time, VoltageCurve *curves);
-/* Planned voltages u (voltages,) at a time (s). Quick where that grows from one call to the next, to be begun anew by
-   curves_of where it does not. */
-INTERNAL void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, double time,
-                          double *u);
+/* Planned voltages u (count, voltages) at up to LOOKS ascending `times` (count,), s. Each call goes on from the times
+   of the one before; where times are earlier, curves_of begins anew. */
+INTERNAL void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, size_t count,
+                          const double *times, double *u);
 
 #endif
