@@ -5,14 +5,7 @@
 #ifndef EXACT_HOLD_H
 #define EXACT_HOLD_H
 
-#include "internal.h"
-#include "pair.h"
-
-/* Two complex numbers side by side. */
-typedef struct {
-    Pair real;
-    Pair imaginary;
-} TwoComplex;
+#include "two_complex.h"
 
 typedef struct {
     TwoComplex growth; /* exp(l) - 1 */

@@ -31,6 +31,11 @@ static double *handled_target(const UnitInstance *unit)
     return unit->state + STATE_NUMBERS;
 }
 
+static bool has_splines(const FlatnessFeedforwardData *feedforward)
+{
+    return feedforward->splines.durations > 0;
+}
+
 static Motion motion_of(const UnitInstance *unit)
 {
     const FlatnessFeedforwardData *const feedforward = unit->data;
@@ -42,21 +47,17 @@ static Motion motion_of(const UnitInstance *unit)
                     .starts = starts,
                     .durations = durations,
                     .changes = durations + SLOTS,
-                    .splines = unit->workspace};
-}
-
-static bool has_splines(const FlatnessFeedforwardData *feedforward)
-{
-    return feedforward->splines.durations > 0;
+                    .splines = unit->workspace + 1,
+                    .first = has_splines(feedforward) ? (size_t)*unit->workspace : 0};
 }
 
 static size_t splines_size(const FlatnessFeedforwardData *feedforward)
 {
-    return has_splines(feedforward) ? SLOTS * spline_size(&feedforward->splines) : 0;
+    return has_splines(feedforward) ? 1 + SLOTS * spline_size(&feedforward->splines) : 0;
 }
 
-/* Workspace: the splines of the motion; then scratch of its evaluation, at most with voltages and states behind it; or
-   the outputs' arguments; or a change, the limits of the voltages, and scratch of a search. */
+/* Workspace: place of the first spline of the motion, and these; then scratch of its evaluation, at most with voltages
+   and states behind it; or the outputs' arguments; or a change, the limits of the voltages, and scratch of a search. */
 static size_t evaluation_scratch(const FlatnessFeedforwardData *feedforward)
 {
     return has_splines(feedforward) ? spline_scratch(&feedforward->splines) : flat_output_scratch(&feedforward->flat);
@@ -110,10 +111,8 @@ static void retire_transitions(UnitInstance *unit, double time)
     memmove(motion.starts, motion.starts + ended, left * sizeof(double));
     memmove(motion.durations, motion.durations + ended, left * sizeof(double));
     memmove(motion.changes, motion.changes + ended * voltages, left * voltages * sizeof(double));
-    if (has_splines(feedforward)) {
-        const size_t size = spline_size(&feedforward->splines);
-        memmove(motion.splines, motion.splines + ended * size, left * size * sizeof(double));
-    }
+    if (has_splines(feedforward))
+        *unit->workspace = (double)((motion.first + ended) % SLOTS);
     unit->state[COUNT] = (double)left;
 }
 
@@ -458,8 +457,7 @@ static bool flatness_feedforward_restore(UnitInstance *unit)
     if (has_splines(feedforward)) {
         for (size_t k = 0; k < motion.count; k++)
             begin_spline(&feedforward->splines, spline_row(&feedforward->splines, motion.durations[k]),
-                         motion.changes + k * feedforward->flat.voltages,
-                         motion.splines + k * spline_size(&feedforward->splines));
+                         motion.changes + k * feedforward->flat.voltages, spline_of(&feedforward->splines, &motion, k));
         double *const u = scratch_of(unit) + evaluation_scratch(feedforward);
         evaluate(unit, &motion, unit->elapsed + unit->values[feedforward->preview], u, u + feedforward->flat.voltages);
     }

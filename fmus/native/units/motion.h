@@ -15,6 +15,7 @@ typedef struct {
     double *durations; /* (SLOTS,), s */
     double *changes;   /* (SLOTS, voltages), V */
     double *splines;   /* of splines, what follows from duration and change, SLOTS times spline_size */
+    size_t first;      /* place of the first transition there; after the last place comes the first one */
 } Motion;
 
 #endif

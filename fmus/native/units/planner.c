@@ -111,7 +111,7 @@ static void use_candidate(const FlatnessFeedforwardData *data, const Motion *mot
     motion->durations[slot] = candidate(data, numbers, index);
     if (data->splines.durations > 0)
         begin_spline(&data->splines, (size_t)(numbers[SHORTEST] + index), motion->changes + slot * data->flat.voltages,
-                     motion->splines + slot * spline_size(&data->splines));
+                     spline_of(&data->splines, motion, slot));
 }
 
 /* Begins to look at the next duration. */

@@ -5,22 +5,14 @@
 
 #include "linear_algebra.h"
 #include "ranges.h"
+#include "two_complex.h"
 #include "vectors.h"
 
 #define FREE_POINTS (SPANS - DEGREE)
-#define SERIES_TERMS 14 /* of phi_6 for |z| < 1 */
+#define SERIES_TERMS 14            /* of phi_6 for |z| < 1 */
+#define SMALLEST_EXPONENT (-700.0) /* beyond, e^z is 0 to rounding */
 
-/* Row k: the k-th derivative at the start of a span by its control points, spans as the unit of time. */
-static const double span_derivatives[DEGREE + 1][DEGREE + 1] = {
-    {1.0 / 120, 26.0 / 120, 66.0 / 120, 26.0 / 120, 1.0 / 120, 0.0},
-    {-1.0 / 24, -10.0 / 24, 0.0, 10.0 / 24, 1.0 / 24, 0.0},
-    {1.0 / 6, 2.0 / 6, -1.0, 2.0 / 6, 1.0 / 6, 0.0},
-    {-0.5, 1.0, 0.0, -1.0, 0.5, 0.0},
-    {1.0, -4.0, 6.0, -4.0, 1.0, 0.0},
-    {-1.0, 5.0, -10.0, 10.0, -5.0, 1.0},
-};
-
-/* The same over factorials: row k has the coefficients of the k-th power of the fraction of a span. */
+/* Row k: coefficients of the k-th power of the fraction of a span, by its control points. */
 static const double span_polynomials[DEGREE + 1][DEGREE + 1] = {
     {1.0 / 120, 26.0 / 120, 66.0 / 120, 26.0 / 120, 1.0 / 120, 0.0},
     {-1.0 / 24, -10.0 / 24, 0.0, 10.0 / 24, 1.0 / 24, 0.0},
@@ -57,6 +49,11 @@ static Spline spline_in(const SplineTransitions *tables, double *memory)
 size_t spline_size(const SplineTransitions *tables)
 {
     return SPLINE_POINTS * tables->voltages + 1 + (1 + 2 * (DEGREE + 1)) * 2 * tables->modes;
+}
+
+double *spline_of(const SplineTransitions *tables, const Motion *motion, size_t transition)
+{
+    return motion->splines + (motion->first + transition) % SLOTS * spline_size(tables);
 }
 
 /* Amplitudes of a transition, and the sum over all, (2 modes,) each. */
@@ -111,47 +108,71 @@ void add_spline_voltages(const SplineTransitions *tables, const double *spline, 
         vector_add_scaled(tables->voltages, weights[q], points + q * tables->voltages, u);
 }
 
-/* phi_0 = e^z and phi_k = integral over [0, 1] of e^((1 - s) z) s^(k-1) / (k-1)!, k = 1 ... 6, real parts and imaginary
-   ones: phi_k = z phi_(k+1) + 1/k!, upwards for |z| >= 1, else downwards from the series of phi_6. */
-static void phi_functions(double real, double imaginary, double phi_real[DEGREE + 2], double phi_imaginary[DEGREE + 2])
+/* phi_0 = e^z and phi_k = integral over [0, 1] of e^((1 - s) z) s^(k-1) / (k-1)!, k = 1 ... 6: phi_k = z phi_(k+1) +
+   1/k!, for |z| < 1 downwards from the series of phi_6. */
+static void phi_by_series(TwoComplex z, TwoComplex phi[DEGREE + 2])
 {
-    const double square = real * real + imaginary * imaginary;
-    double a;
-    double b;
-    if (square < 1.0) {
-        a = 1.0;
-        b = 0.0;
-        for (size_t n = SERIES_TERMS; n > 0; n--) {
-            const double divisor = 1.0 / (double)(n + 6);
-            const double next = 1.0 + (a * real - b * imaginary) * divisor;
-            b = (a * imaginary + b * real) * divisor;
-            a = next;
-        }
-        a /= 720.0;
-        b /= 720.0;
-        phi_real[DEGREE + 1] = a;
-        phi_imaginary[DEGREE + 1] = b;
-        for (size_t k = DEGREE + 1; k > 0; k--) {
-            const double next = a * real - b * imaginary + inverse_factorials[k - 1];
-            b = a * imaginary + b * real;
-            a = next;
-            phi_real[k - 1] = a;
-            phi_imaginary[k - 1] = b;
-        }
+    static const double coefficients[SERIES_TERMS] = {
+        /* 1 / (n + 6)!, n = 14 ... 1 */
+        1 / 2432902008176640000.0,
+        1 / 121645100408832000.0,
+        1 / 6402373705728000.0,
+        1 / 355687428096000.0,
+        1 / 20922789888000.0,
+        1 / 1307674368000.0,
+        1 / 87178291200.0,
+        1 / 6227020800.0,
+        1 / 479001600.0,
+        1 / 39916800.0,
+        1 / 3628800.0,
+        1 / 362880.0,
+        1 / 40320.0,
+        1 / 5040.0,
+    };
+    TwoComplex sum = {pair_of(coefficients[0]), pair_of(0.0)};
+    for (size_t n = 1; n < SERIES_TERMS; n++)
+        sum = add_real(multiply_complex(sum, z), coefficients[n]);
+    sum = add_real(multiply_complex(sum, z), 1 / 720.0);
+    phi[DEGREE + 1] = sum;
+    for (size_t k = DEGREE + 1; k > 0; k--)
+        phi[k - 1] = sum = add_real(multiply_complex(sum, z), inverse_factorials[k - 1]);
+}
+
+/* For |z| >= 1 upwards from e^z. */
+static void phi_by_exponential(TwoComplex z, Pair square, TwoComplex phi[DEGREE + 2])
+{
+    const Pair real = pair_maximum(z.real, pair_of(SMALLEST_EXPONENT));
+    const TwoComplex inverse = {pair_divide(z.real, square),
+                                pair_subtract(pair_of(0.0), pair_divide(z.imaginary, square))};
+    TwoComplex above = scale_complex(on_unit_circle(z.imaginary), pair_exponential(real));
+    phi[0] = above;
+    for (size_t k = 0; k <= DEGREE; k++)
+        phi[k + 1] = above = multiply_complex(add_real(above, -inverse_factorials[k]), inverse);
+}
+
+static void phi_functions(TwoComplex z, TwoComplex phi[DEGREE + 2])
+{
+    const Pair square = pair_add_product(pair_multiply(z.real, z.real), z.imaginary, z.imaginary);
+    double squares[2];
+    pair_store(squares, square);
+    if (squares[0] < 1.0 && squares[1] < 1.0) {
+        phi_by_series(z, phi);
         return;
     }
-    const double size = exp(real);
-    phi_real[0] = a = size * cos(imaginary);
-    phi_imaginary[0] = b = size * sin(imaginary);
-    const double inverse_real = real / square;
-    const double inverse_imaginary = -imaginary / square;
-    for (size_t k = 0; k <= DEGREE; k++) {
-        const double left = a - inverse_factorials[k];
-        a = left * inverse_real - b * inverse_imaginary;
-        b = left * inverse_imaginary + b * inverse_real;
-        phi_real[k + 1] = a;
-        phi_imaginary[k + 1] = b;
-    }
+    phi_by_exponential(z, square, phi);
+    if (!(squares[0] < 1.0 || squares[1] < 1.0))
+        return;
+    TwoComplex series[DEGREE + 2];
+    phi_by_series(z, series);
+    for (size_t k = 0; k < DEGREE + 2; k++)
+        phi[k] = squares[0] < 1.0 ? join_complex(series[k], phi[k]) : join_complex(phi[k], series[k]);
+}
+
+/* Two modes from arrays of all; `both` is 0 where there is only one, which then stands beside itself. */
+static TwoComplex modes_at(const double *values, size_t modes, size_t mode, size_t both)
+{
+    return (TwoComplex){pair(values[mode], values[mode + both]),
+                        pair(values[modes + mode], values[modes + mode + both])};
 }
 
 /* Amplitudes (2 modes,) at a fraction s of the span (length h, s): e^(z s) y + h sum_k beta U_k s^(k+1) phi_(k+1)(z s),
@@ -160,28 +181,27 @@ static void amplitudes_within(const SplineTransitions *tables, const Spline *spl
                               double *amplitudes)
 {
     const size_t modes = tables->modes;
-    const size_t width = 2 * modes;
-    const double time = length * fraction;
-    double powers[DEGREE + 1];
+    const Pair time = pair_of(length * fraction);
+    Pair powers[DEGREE + 1];
     powers[0] = time;
     for (size_t k = 1; k <= DEGREE; k++)
-        powers[k] = powers[k - 1] * fraction;
-    for (size_t l = 0; l < modes; l++) {
-        double phi_real[DEGREE + 2];
-        double phi_imaginary[DEGREE + 2];
-        phi_functions(tables->eigenvalues[l] * time, tables->eigenvalues[modes + l] * time, phi_real, phi_imaginary);
-        const double y_real = spline->amplitudes[l];
-        const double y_imaginary = spline->amplitudes[modes + l];
-        double real = phi_real[0] * y_real - phi_imaginary[0] * y_imaginary;
-        double imaginary = phi_real[0] * y_imaginary + phi_imaginary[0] * y_real;
+        powers[k] = pair_multiply(powers[k - 1], pair_of(fraction));
+    for (size_t l = 0; l < modes; l += 2) {
+        const size_t both = l + 1 < modes;
+        TwoComplex phi[DEGREE + 2];
+        phi_functions(scale_complex(modes_at(tables->eigenvalues, modes, l, both), time), phi);
+        TwoComplex sum = multiply_complex(phi[0], modes_at(spline->amplitudes, modes, l, both));
         for (size_t k = 0; k <= DEGREE; k++) {
-            const double force_real = powers[k] * spline->derivatives[k * width + l];
-            const double force_imaginary = powers[k] * spline->derivatives[k * width + modes + l];
-            real += force_real * phi_real[k + 1] - force_imaginary * phi_imaginary[k + 1];
-            imaginary += force_real * phi_imaginary[k + 1] + force_imaginary * phi_real[k + 1];
+            const TwoComplex derivative = modes_at(spline->derivatives + 2 * modes * k, modes, l, both);
+            sum = add_complex(sum, multiply_complex(phi[k + 1], scale_complex(derivative, powers[k])));
         }
-        amplitudes[l] = real;
-        amplitudes[modes + l] = imaginary;
+        double stored[4];
+        pair_store(stored, sum.real);
+        pair_store(stored + 2, sum.imaginary);
+        amplitudes[l] = stored[0];
+        amplitudes[modes + l] = stored[2];
+        amplitudes[l + both] = stored[both];
+        amplitudes[modes + l + both] = stored[2 + both];
     }
 }
 
@@ -192,14 +212,34 @@ static void project_point(const SplineTransitions *tables, const Spline *spline,
                     spline->projected + place * width);
 }
 
+/* Derivatives at the start of a span, spans as the unit of time: those of span_polynomials times k!. */
 static void project_derivatives(const SplineTransitions *tables, const Spline *spline)
 {
     const size_t width = 2 * tables->modes;
-    memset(spline->derivatives, 0, (DEGREE + 1) * width * sizeof(double));
-    for (size_t k = 0; k <= DEGREE; k++)
-        for (size_t q = 0; q <= DEGREE; q++)
-            for (size_t l = 0; l < width; l++)
-                spline->derivatives[k * width + l] += span_derivatives[k][q] * spline->projected[q * width + l];
+    const double *const p = spline->projected;
+    double *const derivatives = spline->derivatives;
+    for (size_t l = 0; l < width; l += 2) {
+        const Pair middle = pair_load(p + 2 * width + l);
+        const Pair inner = pair_add(pair_load(p + width + l), pair_load(p + 3 * width + l));
+        const Pair outer = pair_add(pair_load(p + l), pair_load(p + 4 * width + l));
+        const Pair inner_rise = pair_subtract(pair_load(p + 3 * width + l), pair_load(p + width + l));
+        const Pair outer_rise = pair_subtract(pair_load(p + 4 * width + l), pair_load(p + l));
+        const Pair fourth = pair_add_product(pair_subtract_product(outer, pair_of(4.0), inner), pair_of(6.0), middle);
+        const Pair around = pair_add(pair_load(p + width + l), pair_load(p + 5 * width + l));
+        const Pair beside = pair_add(middle, pair_load(p + 4 * width + l));
+        const Pair next = pair_add_product(pair_subtract_product(around, pair_of(4.0), beside), pair_of(6.0),
+                                           pair_load(p + 3 * width + l)); /* the fourth at the end */
+        const Pair value = pair_add_product(pair_add_product(outer, pair_of(26.0), inner), pair_of(66.0), middle);
+        const Pair first = pair_add_product(outer_rise, pair_of(10.0), inner_rise);
+        const Pair second = pair_subtract_product(pair_add_product(outer, pair_of(2.0), inner), pair_of(6.0), middle);
+        const Pair third = pair_subtract_product(outer_rise, pair_of(2.0), inner_rise);
+        pair_store(derivatives + l, pair_multiply(value, pair_of(1.0 / 120)));
+        pair_store(derivatives + width + l, pair_multiply(first, pair_of(1.0 / 24)));
+        pair_store(derivatives + 2 * width + l, pair_multiply(second, pair_of(1.0 / 6)));
+        pair_store(derivatives + 3 * width + l, pair_multiply(third, pair_of(0.5)));
+        pair_store(derivatives + 4 * width + l, fourth);
+        pair_store(derivatives + 5 * width + l, pair_subtract(next, fourth));
+    }
 }
 
 /* Makes a span the one that amplitudes and derivatives belong to: from the one before, or from rest at the first. */
@@ -242,7 +282,7 @@ void evaluate_splines(const SplineTransitions *tables, const Motion *motion, dou
     }
     for (size_t k = 0; k < motion->count; k++) {
         const double tau = clamp((time - motion->starts[k]) / motion->durations[k], 0.0, 1.0);
-        double *const memory = motion->splines + k * spline_size(tables);
+        double *const memory = spline_of(tables, motion, k);
         const Spline spline = spline_in(tables, memory);
         const double length = motion->durations[k] / SPANS;
         double fraction;

@@ -28,6 +28,8 @@ typedef struct {
 
 /* Doubles of what a transition under way follows from, in Motion.splines; its control points are the first. */
 INTERNAL size_t spline_size(const SplineTransitions *tables);
+/* That of a transition of a motion. */
+INTERNAL double *spline_of(const SplineTransitions *tables, const Motion *motion, size_t transition);
 /* Doubles of the scratch of evaluate_splines. */
 INTERNAL size_t spline_scratch(const SplineTransitions *tables);
 

@@ -30,7 +30,7 @@ void curves_of(const FlatnessFeedforwardData *data, const Motion *motion, double
         const double duration = motion->durations[k];
         VoltageCurve curve = {.start = motion->starts[k], .rate = 1.0 / duration};
         if (data->splines.durations > 0) {
-            curve.spline = motion->splines + k * spline_size(&data->splines);
+            curve.spline = spline_of(&data->splines, motion, k);
         } else {
             const size_t low = interval_of(durations, data->durations - 1, duration);
             const double share = (duration - durations[low]) / (durations[low + 1] - durations[low]);
