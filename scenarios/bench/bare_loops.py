@@ -43,7 +43,20 @@ def bare_library(folder: Path, compiler: str, feedforward: Path) -> ctypes.CDLL:
             keep(library, built.read_bytes(), folder)
     loaded = ctypes.CDLL(str(library))
     loaded.bare_feedforward_scratch.restype = ctypes.c_size_t
+    loaded.step_lengths.restype = ctypes.c_size_t
     return loaded
+
+
+def step_lengths(library: ctypes.CDLL, do_step: int | None, component: int, time: float, lengths: Array) -> None:
+    """Steps of a component from `time` through the fmi2DoStep at an address, each of its own length (k,), s."""
+    done = library.step_lengths(
+        ctypes.c_void_p(do_step),
+        ctypes.c_void_p(component),
+        ctypes.c_double(time),
+        ctypes.c_size_t(len(lengths)),
+        _data(lengths),
+    )
+    assert done == len(lengths)
 
 
 def _structure(name: str, sizes: str, numbers: str, arrays: str) -> type[ctypes.Structure]:

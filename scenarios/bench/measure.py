@@ -69,20 +69,23 @@ def measure(
         "plant_forms": plant_forms,
         "callers": callers,
         "growth": growth,
-        "targets": [{**asdict(t), "met": t.met} for t in _targets(loops, transitions, real_time, callers)],
+        "targets": [{**asdict(t), "met": t.met} for t in _targets(loops, transitions, plant_forms, real_time, callers)],
     }
 
 
 def _targets(
     loops: Sequence[dict[str, Any]],
     transitions: Sequence[dict[str, Any]],
+    plant_forms: Sequence[dict[str, Any]],
     real_time: dict[str, Any],
     callers: dict[str, Any],
 ) -> list[Target]:
     by_name = {loop["name"]: loop for loop in loops}
     plant, closed = by_name["plant"], by_name["closed loop"]
+    step, new_length = (form["modal_us"] for form in plant_forms[:2])
     return [
         Target(name="plant: FMI functions to bare", measured=plant["fmi"]["ratio"], limit=1.5, unit="x"),
+        Target(name="plant: step of a new length to a usual one", measured=new_length / step, limit=3.0, unit="x"),
         Target(name="closed loop: FMI functions to bare", measured=closed["fmi"]["ratio"], limit=1.3, unit="x"),
         Target(name="closed loop: runner to bare", measured=closed["runner"]["ratio"], limit=1.5, unit="x"),
         *(

@@ -40,7 +40,7 @@ def plant_form_costs(bench: Workbench, rounds: int) -> list[dict[str, Any]]:
         loops = {form: bench.file_loop(file, ("u", "force"), rows, folder=form) for form, file in files.items()}
     measures: dict[str, tuple[int, Callable[[Loop], float]]] = {
         "step": (bench.steps, partial(Loop.advance_from_start, rows=rows)),
-        "step of a new length": (LENGTHS, partial(_new_lengths, rows=rows[:1].repeat(LENGTHS, 0), step=bench.step)),
+        "step of a new length": (LENGTHS, partial(_new_lengths, bench=bench, rows=rows[:1].repeat(LENGTHS, 0))),
         "initialisation": (STARTS, _initialisations),
     }
     return [_cost(name, loops, measure, count, rounds) for name, (count, measure) in measures.items()]
@@ -75,18 +75,14 @@ def _cost(
     }
 
 
-def _new_lengths(loop: Loop, rows: Array, step: float) -> float:
-    """Seconds of LENGTHS steps in C, and what new lengths add to as many steps that are called one by one."""
+def _new_lengths(loop: Loop, bench: Workbench, rows: Array) -> float:
+    """Seconds of LENGTHS steps with their inputs and outputs, and what new lengths add to the steps alone."""
     loop.start()
-    seconds = loop.advance(rows)
-    unit, time = loop.instances["unit"], LENGTHS * step
-    lengths = {"one": np.full(LENGTHS, step), "new": step * (1.0 + 1e-4 * np.arange(1, LENGTHS + 1))}
-    spent = {}
-    for name, values in lengths.items():
-        begins = time + np.cumsum([0.0, *values[:-1]])
-        spent[name] = timed(lambda b=begins, v=values: [*map(unit.step, b.tolist(), v.tolist())])  # type: ignore[misc]
-        time = float(begins[-1] + values[-1])
-    return seconds + max(spent["new"] - spent["one"], 0.0)
+    seconds, time = loop.advance(rows), LENGTHS * bench.step
+    usual, new = np.full(LENGTHS, bench.step), bench.step * (1.0 + 1e-4 * np.arange(1, LENGTHS + 1))
+    least = timed(lambda: bench.step_lengths(loop, time, usual))
+    more = timed(lambda: bench.step_lengths(loop, time + float(usual.sum()), new))
+    return seconds + max(more - least, 0.0)
 
 
 def _initialisations(loop: Loop) -> float:

@@ -16,7 +16,7 @@ from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
 from flexbeams.plant.temporary import temporary_folder
 from flexbeams.scenarios.bench.arithmetic import Matrices, TransitionSequence, matrices_of
-from flexbeams.scenarios.bench.bare_loops import BareLoops, bare_library
+from flexbeams.scenarios.bench.bare_loops import BareLoops, bare_library, step_lengths
 from flexbeams.scenarios.bench.numpy_loops import NumpyLoops
 from flexbeams.scenarios.bench.unit_loops import Loop, Starts, unit_plan, without_recording
 from flexbeams.scenarios.definition.scenario_file import load_scenario
@@ -73,6 +73,11 @@ class Workbench:
     def plant_file(self) -> Path:
         """The scenario's plant."""
         return self._files["plant"]
+
+    def step_lengths(self, loop: Loop, time: float, lengths: Array) -> None:
+        """Steps in C of a unit alone from `time`, each of its own length (k,), s."""
+        unit = loop.instances["unit"]
+        step_lengths(self._library, unit.address("fmi2DoStep"), unit.component, time, lengths)
 
     def bare(self, transitions: TransitionSequence | None = None, matrices: Matrices | None = None) -> BareLoops:
         """The bare loops, of the scenario's design unless other matrices are given."""

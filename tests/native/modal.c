@@ -53,7 +53,7 @@ static int hold(void)
         const TwoComplex value = {pair(argument[0], other[0]), pair(argument[1], other[1])};
         const TwoComplex inverse = {pair(argument[0] / square, other[0] / 13),
                                     pair(-argument[1] / square, -other[1] / 13)};
-        const HoldFunctions f = hold_functions(value, inverse, argument[2]);
+        const HoldFunctions f = hold_functions(value, inverse, argument[2], true);
         const Pair results[6] = {f.growth.real,    f.growth.imaginary, f.hold.real,
                                  f.hold.imaginary, f.ramp.real,        f.ramp.imaginary};
         for (size_t k = 0; k < 6; k++) {
@@ -96,7 +96,7 @@ int main(int count, char **arguments)
     bool is_growing = false;
     for (size_t j = 0; j < inputs; j++)
         is_growing = is_growing || growth[j] != 0.0;
-    const double facts[3] = {condition, modal.facts[0], modal_prepare(&modal, step)};
+    const double facts[3] = {condition, modal.facts[0], modal_prepare(&modal, step, is_growing)};
     for (size_t k = 0; k < (size_t)sizes[5]; k++) {
         modal_step(&modal, v, is_growing ? growth : NULL, z);
         for (size_t j = 0; j < inputs; j++)

@@ -178,7 +178,7 @@ def test_json_of_the_verb(
     assert callers["simulation"] > callers["units"] > 0
     assert callers["overhead"] == pytest.approx(callers["simulation"] - callers["units"])
     assert callers["environment"] is None or callers["environment"] > callers["units"]
-    assert len(figures["targets"]) == 7
+    assert len(figures["targets"]) == 8
     assert all(t["met"] == (t["measured"] <= t["limit"]) for t in figures["targets"])
 
 

@@ -32,15 +32,17 @@ static inline HoldFunctions by_series(TwoComplex l, Pair square, double step)
 }
 
 /* h phi1(l) = (exp(l) - 1) / a and h phi2(l) = (h phi1(l) - h) / (a h) */
-static inline HoldFunctions by_definition(TwoComplex l, TwoComplex inverse, double step)
+static inline HoldFunctions by_definition(TwoComplex l, TwoComplex inverse, double step, bool with_ramp)
 {
     const TwoComplex growth = add_real(scale_complex(on_unit_circle(l.imaginary), pair_exponential(l.real)), -1.0);
     const TwoComplex hold = multiply_complex(growth, inverse);
+    if (!with_ramp)
+        return (HoldFunctions){growth, hold, {pair_of(0.0), pair_of(0.0)}};
     const TwoComplex ramp = scale_complex(multiply_complex(add_real(hold, -step), inverse), pair_of(1 / step));
     return (HoldFunctions){growth, hold, ramp};
 }
 
-HoldFunctions hold_functions(TwoComplex eigenvalue, TwoComplex inverse, double step)
+HoldFunctions hold_functions(TwoComplex eigenvalue, TwoComplex inverse, double step, bool with_ramp)
 {
     TwoComplex l = scale_complex(eigenvalue, pair_of(step));
     l.real = pair_maximum(l.real, pair_of(SMALLEST_REAL));
@@ -54,7 +56,7 @@ HoldFunctions hold_functions(TwoComplex eigenvalue, TwoComplex inverse, double s
         pair_store(angles, l.imaginary);
         l.imaginary = pair(fmod(angles[0], TURN), fmod(angles[1], TURN));
     }
-    const HoldFunctions direct = by_definition(l, inverse, step);
+    const HoldFunctions direct = by_definition(l, inverse, step, with_ramp);
     if (squares[0] > SMALL_SQUARE && squares[1] > SMALL_SQUARE)
         return direct;
     const HoldFunctions series = by_series(l, square, step);

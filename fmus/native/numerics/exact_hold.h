@@ -5,16 +5,18 @@
 #ifndef EXACT_HOLD_H
 #define EXACT_HOLD_H
 
+#include <stdbool.h>
+
 #include "two_complex.h"
 
 typedef struct {
     TwoComplex growth; /* exp(l) - 1 */
     TwoComplex hold;   /* h phi1(l) */
-    TwoComplex ramp;   /* h phi2(l) */
+    TwoComplex ramp;   /* h phi2(l), 0 where it is not asked for */
 } HoldFunctions;
 
 /* For two eigenvalues, 1/s, and their inverses, which do not matter where an eigenvalue is 0. To rounding for
    eigenvalues of any size whose real part times h is not above 700. */
-INTERNAL HoldFunctions hold_functions(TwoComplex eigenvalue, TwoComplex inverse, double step);
+INTERNAL HoldFunctions hold_functions(TwoComplex eigenvalue, TwoComplex inverse, double step, bool with_ramp);
 
 #endif

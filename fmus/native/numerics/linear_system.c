@@ -13,7 +13,7 @@
 #define LARGEST_CONDITION 100.0
 #endif
 
-enum { IS_DENSE, PREPARED_STEP, FACT_COUNT = 8 }; /* whole cache lines */
+enum { IS_DENSE, PREPARED_STEP, PREPARED_GROWTH, FACT_COUNT = 8 }; /* whole cache lines */
 
 static size_t dense_size(size_t states, size_t inputs, size_t outputs)
 {
@@ -101,15 +101,16 @@ NOT_INLINED static bool discretise(const LinearSystem *system, double step)
     return true;
 }
 
-bool linear_system_prepare(const LinearSystem *system, double step)
+bool linear_system_prepare(const LinearSystem *system, double step, bool grows)
 {
-    if (step == system->facts[PREPARED_STEP])
+    if (step == system->facts[PREPARED_STEP] && (!grows || system->facts[PREPARED_GROWTH] != 0.0))
         return true;
     const bool is_dense = system->facts[IS_DENSE] != 0.0;
     system->facts[PREPARED_STEP] = 0.0;
-    if (!(is_dense ? discretise(system, step) : modal_prepare(&system->modal, step)))
+    if (!(is_dense ? discretise(system, step) : modal_prepare(&system->modal, step, grows)))
         return false;
     system->facts[PREPARED_STEP] = step;
+    system->facts[PREPARED_GROWTH] = is_dense || grows;
     return true;
 }
 

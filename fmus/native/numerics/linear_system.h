@@ -16,9 +16,9 @@ typedef struct {
     size_t inputs;
     size_t outputs;
     size_t slots;
-    double *facts;      /* (2,) is it dense; length of the step that is prepared, s, 0 for none */
-    double *A;          /* (states, states); this and the next three of a dense system only */
-    double *B;          /* (states, inputs) */
+    double *facts; /* (3,) is it dense; length of the step that is prepared, s, 0 for none; may inputs grow in it */
+    double *A;     /* (states, states); this and the next three of a dense system only */
+    double *B;     /* (states, inputs) */
     double *transition; /* panels [A_d, B_d] (states, states + inputs), then those of the ramp (states, inputs) */
     double *C;          /* panels (outputs, states) */
     Modal modal;        /* of a system that is not dense */
@@ -38,9 +38,9 @@ INTERNAL void linear_system_build(const LinearSystem *system, const double *A, c
 /* z (slots, columns) of X (states, columns) outside the scratch memory, which is as linear_system_build left it. */
 INTERNAL void linear_system_coordinates(const LinearSystem *system, size_t columns, const double *X, double *z);
 
-/* Computes what a step of this length (s) takes, where the last one had another; false where that is beyond the range
-   of doubles. */
-INTERNAL bool linear_system_prepare(const LinearSystem *system, double step);
+/* Computes what a step of this length (s) takes, of inputs that are held or, where one `grows`, of all; nothing where
+   the last one took the same. False where that is beyond the range of doubles. */
+INTERNAL bool linear_system_prepare(const LinearSystem *system, double step, bool grows);
 /* z after a step of the length that is prepared, in place of z before it; `growth` as in modal.h. */
 INTERNAL void linear_system_step(const LinearSystem *system, const double *v, const double *growth, double *z);
 /* y = C x (outputs,) */

@@ -37,14 +37,15 @@ static inline void store_function(double *rows, TwoComplex f, bool is_second)
     pair_store(rows + MODAL_BLOCK, is_second ? pair_subtract(pair_of(0.0), f.imaginary) : f.imaginary);
 }
 
-static inline void store_functions(double *rows, const HoldFunctions *f, bool is_second)
+static inline void store_functions(double *rows, const HoldFunctions *f, bool is_second, bool with_ramp)
 {
     store_function(rows, f->growth, is_second);
     store_function(rows + 2 * MODAL_BLOCK, f->hold, is_second);
-    store_function(rows + 4 * MODAL_BLOCK, f->ramp, is_second);
+    if (with_ramp)
+        store_function(rows + 4 * MODAL_BLOCK, f->ramp, is_second);
 }
 
-NOT_INLINED bool modal_prepare(const Modal *modal, double step)
+NOT_INLINED bool modal_prepare(const Modal *modal, double step, bool grows)
 {
     const size_t slots = modal->slots;
     const size_t paired_blocks = (size_t)modal->facts[0] / MODAL_LANES; /* whose seconds are known with the firsts */
@@ -59,10 +60,10 @@ NOT_INLINED bool modal_prepare(const Modal *modal, double step)
             const size_t slot = block + lane;
             const TwoComplex eigenvalue = {pair_load(real + slot), pair_load(imaginary + slot)};
             const TwoComplex inverted = {pair_load(inverse + slot), pair_load(inverse + slots + slot)};
-            const HoldFunctions f = hold_functions(eigenvalue, inverted, step);
-            store_functions(hold + lane, &f, lane >= MODAL_LANES);
+            const HoldFunctions f = hold_functions(eigenvalue, inverted, step, grows);
+            store_functions(hold + lane, &f, lane >= MODAL_LANES, grows);
             if (is_paired)
-                store_functions(hold + lane + MODAL_LANES, &f, true);
+                store_functions(hold + lane + MODAL_LANES, &f, true, grows);
         }
     }
     return modal->facts[1] * step <= LARGEST_EXPONENT;

@@ -41,8 +41,9 @@ INTERNAL size_t modal_size(size_t states, size_t held, size_t rare, size_t outpu
 /* A form with its data in `memory`. */
 INTERNAL Modal modal_in(double *memory, size_t states, size_t held, size_t rare, size_t outputs);
 
-/* Sets the length of step, s; false where the result is beyond the range of doubles. */
-INTERNAL bool modal_prepare(const Modal *modal, double step);
+/* Sets the length of step, s, and whether inputs may grow in it; false where the result is beyond the range of doubles.
+ */
+INTERNAL bool modal_prepare(const Modal *modal, double step, bool grows);
 /* z after the step that was set, in place of z before it; inputs v (held + rare,) at its start, which grow by `growth`
    (held + rare,) until its end, NULL where none does. */
 INTERNAL void modal_step(const Modal *modal, const double *v, const double *growth, double *z);

@@ -147,7 +147,7 @@ static bool beam_plant_prepare(UnitInstance *unit, double step)
 {
     const PlantLayout at = plant_layout(unit->data);
     const LinearSystem system = system_of(unit, &at);
-    return linear_system_prepare(&system, step) ||
+    return linear_system_prepare(&system, step, unit->slopes != NULL) ||
            unit_refuse(unit, "the discretisation over %r s overflows: check the structure's parameters", step);
 }
 

@@ -110,6 +110,14 @@ size_t bare_feedforward_scratch(void)
     return evaluation > arguments ? evaluation : arguments;
 }
 
+size_t step_lengths(fmi2DoStepTYPE *do_step, fmi2Component component, double time, size_t count, const double *lengths)
+{
+    for (size_t k = 0; k < count; time += lengths[k++])
+        if (do_step(component, time, lengths[k], fmi2True) > fmi2Warning)
+            return k;
+    return count;
+}
+
 /* Jacobi: all take the values at the start of the step. */
 void bare_loop(BarePlant *p, BareController *c, BareFeedforward *f, size_t count, double step)
 {

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "fmi2FunctionTypes.h"
+
 #if defined(_WIN32)
 #define EXPORTED __declspec(dllexport)
 #else
@@ -62,6 +64,10 @@ EXPORTED void bare_plant_loop(BarePlant *p, size_t count, const double *rows);
 EXPORTED void bare_controller_loop(BareController *c, size_t count, const double *rows);
 EXPORTED void bare_feedforward_loop(BareFeedforward *f, int64_t first, size_t count, double step);
 EXPORTED size_t bare_feedforward_scratch(void);
+
+/* `count` steps of a component from `time`, each of its own length (s); how many were done. */
+EXPORTED size_t step_lengths(fmi2DoStepTYPE *do_step, fmi2Component component, double time, size_t count,
+                             const double *lengths);
 
 /* `count` steps of the closed loop from step 0, Jacobi coupling. */
 EXPORTED void bare_loop(BarePlant *p, BareController *c, BareFeedforward *f, size_t count, double step);

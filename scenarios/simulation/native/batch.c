@@ -256,7 +256,7 @@ static bool set_plant(Batch *batch, size_t lane, double *values)
     double *const scratch = rest + modal.slots * patches;
     if (!compute_plant_matrices(&unit, &matrices) ||
         !(modal_build(&modal, matrices.A, matrices.B, matrices.C, scratch) <= LARGEST_CONDITION) ||
-        !modal_prepare(&modal, task->step))
+        !modal_prepare(&modal, task->step, false))
         return false;
     modal_coordinates(&modal, patches, matrices.rest, rest, scratch);
     set_plant_lane(batch, lane, &modal, rest, values + task->plant.start_at_rest_under);
