@@ -157,18 +157,22 @@ static void end_candidate(const FlatnessFeedforwardData *data, const Motion *mot
         use_candidate(data, motion, numbers, numbers[HIGH]);
 }
 
-/* Peak of the parabola through three neighbours where they turn, else the middle one. */
-static double parabola_peak(double before, double here, double after)
-{
-    if (!((here - before) * (after - here) < 0.0))
-        return here;
-    return here - (after - before) * (after - before) / (8 * (before - 2 * here + after));
-}
-
 static void include(VoltageRange range, size_t pair, double voltage)
 {
     range.lowest[pair] = smaller(voltage, range.lowest[pair]);
     range.highest[pair] = larger(voltage, range.highest[pair]);
+}
+
+/* Includes the peaks of the parabolas through three rows (3, voltages) where they turn. */
+static void include_peaks(size_t voltages, const double *rows, VoltageRange range)
+{
+    for (size_t j = 0; j < voltages; j++) {
+        const double before = rows[j];
+        const double here = rows[voltages + j];
+        const double after = rows[2 * voltages + j];
+        if ((here - before) * (after - here) < 0.0)
+            include(range, j, here - (after - before) * (after - before) / (8 * (before - 2 * here + after)));
+    }
 }
 
 /* Planned voltages at ascending times, and those between each one and the two before. */
@@ -177,16 +181,14 @@ static void look_at(const FlatnessFeedforwardData *data, const Motion *longer, V
 {
     const size_t voltages = data->flat.voltages;
     const double *row = search.rows;
-    double *const after = search.rows + 2 * voltages;
     memcpy(search.rows, search.latest, 2 * voltages * sizeof *row);
-    voltages_at(data, longer, curves, count, times, after);
+    voltages_at(data, longer, curves, count, times, search.rows + 2 * voltages);
     for (size_t i = 0; i < count; i++, row += voltages) {
         search.numbers[SAMPLED] += 1.0;
         for (size_t j = 0; j < voltages; j++)
             include(search.range, j, row[2 * voltages + j]);
         if (search.numbers[SAMPLED] >= 3.0)
-            for (size_t j = 0; j < voltages; j++)
-                include(search.range, j, parabola_peak(row[j], row[voltages + j], row[2 * voltages + j]));
+            include_peaks(voltages, row, search.range);
     }
     memcpy(search.latest, row, 2 * voltages * sizeof *row);
 }

@@ -1,7 +1,7 @@
 #include "voltage_curves.h"
 
+#include "pair.h"
 #include "ranges.h"
-#include "vectors.h"
 
 static double progress(const VoltageCurve *curve, double time)
 {
@@ -69,22 +69,49 @@ static void follow_curve(const FlatnessFeedforwardData *data, VoltageCurve *curv
     curve->index = index;
 }
 
+/* u (looks, voltages) = offset + heights' changes; offset (voltages,), heights (count, LOOKS), changes (count,
+ * voltages).
+ */
+static void superpose(const Motion *motion, size_t voltages, const double *heights, size_t looks, double *u)
+{
+    size_t j = 0;
+    for (; j + 4 <= voltages; j += 4)
+        for (size_t i = 0; i < looks; i++) {
+            Pair low = pair_load(motion->offset + j);
+            Pair high = pair_load(motion->offset + j + 2);
+            const double *change = motion->changes + j;
+            for (size_t k = 0; k < motion->count; k++, change += voltages) {
+                const Pair height = pair_of(heights[k * LOOKS + i]);
+                low = pair_add_product(low, height, pair_load(change));
+                high = pair_add_product(high, height, pair_load(change + 2));
+            }
+            pair_store(u + i * voltages + j, low);
+            pair_store(u + i * voltages + j + 2, high);
+        }
+    for (; j < voltages; j++)
+        for (size_t i = 0; i < looks; i++) {
+            double sum = motion->offset[j];
+            for (size_t k = 0; k < motion->count; k++)
+                sum += heights[k * LOOKS + i] * motion->changes[k * voltages + j];
+            u[i * voltages + j] = sum;
+        }
+}
+
 void voltages_at(const FlatnessFeedforwardData *data, const Motion *motion, VoltageCurve *curves, size_t count,
                  const double *times, double *u)
 {
     const size_t voltages = data->flat.voltages;
-    for (size_t i = 0; i < count; i++)
+    if (data->splines.durations == 0) {
+        double heights[SLOTS * LOOKS];
+        for (size_t k = 0; k < motion->count; k++)
+            follow_curve(data, &curves[k], count, times, heights + k * LOOKS);
+        superpose(motion, voltages, heights, count, u);
+        return;
+    }
+    for (size_t i = 0; i < count; i++, u += voltages) {
         for (size_t j = 0; j < voltages; j++)
-            u[i * voltages + j] = motion->offset[j];
-    for (size_t k = 0; k < motion->count; k++) {
-        if (curves[k].spline != NULL) {
-            for (size_t i = 0; i < count; i++)
-                add_spline_voltages(&data->splines, curves[k].spline, progress(&curves[k], times[i]), u + i * voltages);
-            continue;
-        }
-        double heights[LOOKS];
-        follow_curve(data, &curves[k], count, times, heights);
-        for (size_t i = 0; i < count; i++)
-            vector_add_scaled(voltages, heights[i], motion->changes + k * voltages, u + i * voltages);
+            u[j] = motion->offset[j];
+        for (size_t k = 0; k < motion->count; k++)
+            add_spline_voltages(&data->splines, curves[k].spline, progress(&curves[k], times[i]), u);
     }
 }
