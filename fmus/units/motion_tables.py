@@ -45,14 +45,19 @@ def motion_fields(data: UnitData) -> Fields:
     }
 
 
-def planning_portion(candidates: int, intervals: int, extra: float = 0.0) -> float:
-    """Work of a tick that suffices for any plan, in units of one transition at one time.
+def portion_fields(candidates: int, intervals: int, look: float, candidate: float) -> Fields:
+    """Work of a tick that suffices for any plan, and what it counts, in units of one transition at one time.
 
-    A bisection of so many durations looks at each transition's times, at all transitions there; `extra` is the work
-    that a duration takes besides.
+    A bisection of so many durations looks at each transition's times, at all transitions there; a time takes `look`
+    and a duration `candidate` besides.
     """
-    looks = 2 + math.ceil(math.log2(candidates))
-    return math.ceil(looks * (SLOTS * (intervals + 1) * (SLOTS + 1) + extra) / PLANNING_TICKS)
+    tried = 2 + math.ceil(math.log2(candidates))
+    work = tried * (SLOTS * (intervals + 1) * (SLOTS + look) + candidate)
+    return {
+        "planning_portion": float(math.ceil(work / PLANNING_TICKS)),
+        "look_work": look,
+        "candidate_work": candidate,
+    }
 
 
 def _flat_output(data: UnitData) -> Fields:
@@ -141,8 +146,8 @@ def _curves(data: UnitData) -> Fields:
     return {
         "durations": count,
         "intervals": intervals,
-        "planning_portion": float(planning_portion(MOST_CANDIDATES, intervals)),
-        "candidate_work": 0.0,
+        # the range of the voltages takes as long as some 2 transitions and another one for 6 pairs
+        **portion_fields(MOST_CANDIDATES, intervals, look=2 + len(data.arrays["static_inverse"]) / 6, candidate=0.0),
         "curve_durations": Table(
             values=durations,
             comment=f"transition times of the voltage curves, ({count},), s",
@@ -165,12 +170,11 @@ def _curves(data: UnitData) -> Fields:
 def _spline_curves(data: UnitData) -> Fields:
     """The times at which the planner looks at a spline."""
     tau, count = sample_points(), len(data.arrays["spline_times"])
-    # the control points of a duration take as long as some 7 times as many looks as there are pairs
-    candidate_work = 7.0 * len(data.arrays["static_inverse"])
+    pairs = len(data.arrays["static_inverse"])
     return {
         "durations": count,
         "intervals": len(tau) - 1,
-        "planning_portion": float(planning_portion(count, len(tau) - 1, extra=candidate_work)),
-        "candidate_work": candidate_work,
+        # the control points of a duration take as long as some 7 transitions for each pair
+        **portion_fields(count, len(tau) - 1, look=1.0, candidate=7.0 * pairs),
         "curve_grid": Table(values=tau, comment=f"t / T at which the planner looks at splines, ({len(tau)},), 1"),
     }

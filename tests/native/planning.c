@@ -88,7 +88,7 @@ int main(void)
                 continue_search(&looking, &motion, slow);
             }
             restore_search(data, &motion, search);
-            fullest = fmax(fullest, (double)(looks * (motion.count + 2)) / data->planning_portion);
+            fullest = fmax(fullest, looks * (data->look_work + (double)motion.count + 1.0) / data->planning_portion);
         }
         unfinished += !is_done(search.numbers);
         plan = conclude_search(data, &motion, search);

@@ -30,8 +30,9 @@ typedef struct {
     SplineTransitions splines;
     double planned_excess;           /* of the largest limit, by which a plan may exceed a limit */
     double planning_ticks;           /* sample times that a search takes */
-    double planning_portion;         /* work of a tick: in transitions looked at, once each */
-    double candidate_work;           /* that a duration takes besides, likewise */
+    double planning_portion;         /* work of a tick, in transitions looked at, once each */
+    double look_work;                /* that each time takes besides, likewise */
+    double candidate_work;           /* that each duration takes besides */
     const double *static_inverse;    /* panels (voltages, points), V/m */
     const double *unreachable;       /* (points, points): part of a target that is refused */
     const double *reference_outputs; /* panels (points, states + voltages): [H_pi, D_pi] */

@@ -237,7 +237,7 @@ static double look_at_candidate(const FlatnessFeedforwardData *data, const Motio
             size_t count = 0;
             for (; count < LOOKS && i <= data->intervals && work > 0.0; i++) {
                 times[count++] = start + duration * data->curve_grid[i];
-                work -= 1.0 + (double)longer.count;
+                work -= data->look_work + (double)longer.count;
             }
             look_at(data, &longer, curves, count, times, search);
         }
