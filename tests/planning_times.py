@@ -9,7 +9,7 @@ import argparse
 import subprocess
 import tempfile
 import time
-from ctypes import c_double, c_uint
+from ctypes import c_double
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -33,11 +33,9 @@ def course(unit: Loaded, targets: Real, requested: float, size: int) -> tuple[Re
     """Times of the steps (k,), s, in steps of `size` samples, and planned_time, planned_peak before each target."""
     unit.begin(transition_time=requested)
     library, component = unit._fmu.dll, unit._fmu.component
-    names = unit._elements("y_target")
-    references = (c_uint * len(names))(*(unit.variables[name].valueReference for name in names))
     times, plans, count = [], [], 0
     for target in targets:
-        assert library.fmi2SetReal(component, references, len(names), (c_double * len(names))(*target)) == 0
+        unit.put("y_target", target)
         for _ in range(EVERY // size):
             begin = time.thread_time_ns()
             status = library.fmi2DoStep(component, c_double(count * STEP), c_double(size * STEP), 1)
