@@ -1,5 +1,6 @@
 """The flat output's parameterisation of input and state."""
 
+import os
 from dataclasses import fields
 from functools import cache
 
@@ -32,6 +33,7 @@ from tests.oracles.flat_series import flat_series
 KIEL = read_structure(find_structure("kiel"))
 STRUCTURES = {"kiel": KIEL, "single": single_beam(), "three": three_beams(), "five": five_beams()}
 TRANSITION = transition_of_order(1.9)
+CHAINS = [int(count) for count in os.environ.get("FLEXBEAMS_BEAMS", "1,5").split(",")]
 
 
 def model_of(A: Array, B: Array) -> ReducedModel:
@@ -251,6 +253,42 @@ def test_many_beams_with_default_options(beams: int, basis: BasisName) -> None:
     rate = (flat.state(flat.amplitudes(after - before, voltages))) / (2 * gap * duration)
     wanted = reduced.A @ flat.state(flat.amplitudes(here, voltages)) + reduced.B @ voltages * np.sum(here)
     assert np.max(np.abs(rate - wanted)) < 1e-4 * np.max(np.abs(reduced.A @ expected))
+
+
+@pytest.mark.parametrize("beams", CHAINS)
+@pytest.mark.parametrize("basis", ["clamped_free", "segment"])
+def test_the_feedforward_is_exact_on_the_reduced_model_of_a_chain(beams: int, basis: BasisName) -> None:
+    """Deflections to 1e-9 of the target at ten places on the way and at its end, in the shortest default transition.
+
+    The model's modes are integrated by Gauss quadrature over panels of 5 ms. FLEXBEAMS_BEAMS=1,3,5,10,12,13,20,40
+    takes all chains: with --timeout=0, some minutes.
+    """
+    reduced = reduced_model(chain_of_beams(beams), basis)
+    flat = flat_parameterisation(reduced)
+    table = tabulate_input_shapes(flat, TRANSITION, float(np.min(np.abs(np.linalg.eigvals(reduced.A)))))
+    duration = max(DesignOptions().transition_time, float(table.times[0]))
+    voltages = 300 * np.cos(np.arange(reduced.B.shape[1]))
+    poles, vectors = np.linalg.eig(reduced.A)
+    inputs = np.linalg.solve(vectors, (reduced.B @ voltages).astype(complex))
+    count = 10 * int(np.ceil(duration / 0.05))
+    panel = duration / count
+    points, weights = np.polynomial.legendre.leggauss(24)
+    places = panel * (points + 1) / 2
+    onward = np.exp(np.outer(poles, panel - places)) * weights * panel / 2
+    modes, worst = np.zeros(len(poles), dtype=complex), 0.0
+    target = (reduced.static_gain()[0] + reduced.D_pi) @ voltages
+    for k in range(1, count + 1):
+        taus = (panel * (k - 1) + places) / duration
+        shape = np.array([np.sum(flat.terms(TRANSITION, float(tau), duration)) for tau in taus])
+        modes = np.exp(poles * panel) * modes + inputs * (onward @ shape)
+        if k % (count // 10) == 0:
+            terms = flat.terms(TRANSITION, k / count, duration)
+            y = reduced.H_pi @ (vectors @ modes).real
+            wanted = reduced.H_pi @ flat.state(flat.amplitudes(terms, voltages))
+            worst = max(worst, float(np.max(np.abs(y - wanted))))
+    print(f"{beams} beams, {basis}: {worst / np.max(np.abs(target)):.1e} of the target in {duration:.2f} s")
+    assert worst < 1e-9 * np.max(np.abs(target))
+    np.testing.assert_allclose(y + reduced.D_pi @ voltages, target, rtol=0, atol=1e-9 * np.max(np.abs(target)))
 
 
 def reduced_model(structure: Structure, basis: BasisName) -> ReducedModel:
