@@ -28,17 +28,6 @@ _TYPES = ("Real", "Integer", "Boolean", "String")
 _CAUSALITIES = ("independent", "parameter", "input", "output", "local")
 
 
-def unit_tables(interface: Interface, kernel: NativeKernel, data: UnitData, guid: str) -> str:
-    """The tables of a unit with one kernel: the data of its mathematics and its variables."""
-    return "\n".join(
-        [
-            heading(interface),
-            *kernel_data("unit_data", kernel, interface, data),
-            *description_tables(interface, guid, kernel.hooks, "unit_data", kernel.deferred),
-        ]
-    )
-
-
 def heading(interface: Interface) -> str:
     """The comment on top of generated tables."""
     designs = [v.start for v in interface if v.name == "design_id"]
@@ -93,7 +82,7 @@ def _table(name: str, table: Table) -> str:
         comment += f".\n   {title}, row by row:\n" + "\n".join(map(_decimals, matrix))
     numbers = panels(values) if table.in_panels else values.ravel()
     declaration = f"double {name}[]" + (" ALIGNED" if table.in_panels else "")
-    return c_array(declaration, comment, [c_real(value) for value in numbers.tolist()], 4)
+    return c_array(declaration, comment, list(map(float.hex, numbers.astype(np.float64).tolist())), 4)
 
 
 def _decimals(row: NDArray[Any]) -> str:

@@ -1,11 +1,12 @@
 """Packing of a closed loop: the kernels of its parts, their data and their wires in one native unit."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from flexbeams.fmus.documents.closed_loop_page import loop_picture, wiring_page
-from flexbeams.fmus.packaging.c_tables import description_tables, heading, kernel_data
+from flexbeams.fmus.packaging.c_tables import kernel_data
 from flexbeams.fmus.packaging.native import NativeUnit
 from flexbeams.fmus.units.closed_loop import (
     CLOSED_LOOP,
@@ -33,24 +34,21 @@ class ClosedLoop(NativeUnit):
         """The C files of its mathematics, that of each kind of part once."""
         return [*super().kernels(), *dict.fromkeys(part.kind.require_native().source for part in self.parts)]
 
-    def tables(self, guid: str) -> str:
-        """The C text of the parts' data, of the wires, and of the variables and the GUID."""
-        kernel = self.kind.require_native()
+    @cached_property
+    def numbers(self) -> list[str]:
+        """The C text of the parts' data and of the wires."""
+        parts = [text for number, part in enumerate(self.parts, 1) for text in _part_data(part, number)]
+        return [*parts, *kernel_data("unit_data", self.kind.require_native(), self.interface, self.data)]
+
+    def deferred(self) -> Collection[str]:
+        """Arrays of the parts that are computed when read."""
         references = part_references(self.parts)
-        deferred = {
+        return {
             self.interface.variables[references[f"{part.name}.{v.name}"]].array
             for part in self.parts
             for v in part.variables
             if v.array in part.kind.require_native().deferred
         }
-        return "\n".join(
-            [
-                heading(self.interface),
-                *[text for number, part in enumerate(self.parts, 1) for text in _part_data(part, number)],
-                *kernel_data("unit_data", kernel, self.interface, self.data),
-                *description_tables(self.interface, guid, kernel.hooks, "unit_data", deferred),
-            ]
-        )
 
     def picture(self) -> bytes:
         """model.png: the parts as blocks with their wires."""

@@ -3,9 +3,10 @@
 The mathematics in fmus/native does not depend on a design; a design changes one generated file, the tables.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from flexbeams.fmus.documents.build_files import build_description, cmake_lists
@@ -16,7 +17,7 @@ from flexbeams.fmus.documents.terminals import PATH as TERMINALS
 from flexbeams.fmus.documents.terminals import terminals_document
 from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.binaries import binary_entries
-from flexbeams.fmus.packaging.c_tables import unit_tables
+from flexbeams.fmus.packaging.c_tables import description_tables, heading, kernel_data
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
 from flexbeams.fmus.packaging.mac_exports import fmi_exports
 from flexbeams.fmus.packaging.single_file import single_file
@@ -62,7 +63,18 @@ class NativeUnit:
 
     def tables(self, guid: str) -> str:
         """The C text of the numbers of the design, of the variables and of the GUID."""
-        return unit_tables(self.interface, self.kind.require_native(), self.data, guid)
+        hooks = self.kind.require_native().hooks
+        description = description_tables(self.interface, guid, hooks, "unit_data", self.deferred())
+        return "\n".join([heading(self.interface), *self.numbers, *description])
+
+    @cached_property
+    def numbers(self) -> list[str]:
+        """The C text of the data of its mathematics; takes seconds for many beams."""
+        return kernel_data("unit_data", self.kind.require_native(), self.interface, self.data)
+
+    def deferred(self) -> Collection[str]:
+        """Arrays that are computed when read."""
+        return self.kind.require_native().deferred
 
     def picture(self) -> bytes:
         """model.png."""
