@@ -50,7 +50,8 @@ def ended(command: Callable[[], object]) -> int:
         return MISUSE
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "flexbeams"
-        note(f"flexbeams: {error.format_message()} (see `{path} --help`)")
+        text = " ".join(error.format_message().split())
+        note(f"flexbeams: {text} (see `{path} --help`)")
         return MISUSE
     except click.ClickException as error:
         note(f"flexbeams: {error.format_message()}")

@@ -78,6 +78,8 @@ def find_scenario(name: str) -> Path:
         return shipped[name]
     if Path(name).suffix.lower() == ".fmu":
         raise InputError("scenario", "must be a scenario or an SSP package, which name FMUs", name)
+    if Path(name).suffix.lower() == ".ssd" or isfile(f"{name}/SystemStructure.ssd"):
+        raise InputError("scenario", "is part of an unpacked SSP package; give the package, NAME.ssp", name)
     if isfile(name):  # False also for a name that no file can have
         return Path(name)
     hint = missing_file_hint(name) or suggestion(name, shipped)

@@ -62,6 +62,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["frobnicate"], "No such command 'frobnicate'"),
         (["list", "--nonsense"], "No such option '--nonsense'"),
         (["run"], "Missing argument 'SCENARIO...'"),
+        (["run", "unpacked/SystemStructure.ssd"], "is part of an unpacked SSP package; give the package, NAME.ssp"),
+        (["new"], "Choose from: structure, scenario, study (see"),
         (["validate"], "Missing argument"),
         (["validate", "none.fmu"], "'none.fmu' does not exist"),
         (["design", "--basis", "modes"], "'modes' is not one of 'clamped_free', 'segment'"),
