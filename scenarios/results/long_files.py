@@ -102,7 +102,7 @@ def _mf4(path: Path) -> tuple[list[str], Iterator[Array]]:
     """Records of doubles as runs write them: one group, not compressed."""
     from asammdf import MDF
 
-    with MDF(path) as file:
+    with path.open("rb") as stream, MDF(stream) as file:  # which maps a file that it opens itself into memory
         group: Any = file.groups[0]
         names, blocks = [channel.name for channel in group.channels], list(group.get_data_blocks())
         layout = [(channel.data_type, channel.bit_count, channel.byte_offset) for channel in group.channels]
@@ -111,7 +111,9 @@ def _mf4(path: Path) -> tuple[list[str], Iterator[Array]]:
     plain = layout == [(4, 64, 8 * k) for k in range(width)] and all(size % (8 * width) == 0 for size in sizes)
     if not plain or any(block.block_type != 0 for block in blocks):
         raise ValueError
+    part = 8 * width * _ROWS
     return names, (
-        np.fromfile(path, "<f8", size // 8, offset=block.address).reshape(-1, width)
+        np.fromfile(path, "<f8", min(part, size - first) // 8, offset=block.address + first).reshape(-1, width)
         for block, size in zip(blocks, sizes, strict=True)
+        for first in range(0, size, part)
     )
