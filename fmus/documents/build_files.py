@@ -30,6 +30,9 @@ if(BUILD_SHARED_LIBS)
 endif()
 if(NOT MSVC)
   target_compile_options({unit} PRIVATE -ffp-contract=off)
+  if(CMAKE_SIZEOF_VOID_P EQUAL 4 AND CMAKE_SYSTEM_PROCESSOR MATCHES "^(i[3-6]86|[xX]86|x86_64|AMD64|amd64)$")
+    target_compile_options({unit} PRIVATE -msse2 -mfpmath=sse) # the x87 rounds to doubles only where it stores them
+  endif()
   target_link_libraries({unit} PUBLIC m)
 endif()
 """

@@ -30,7 +30,6 @@ from tests.units.loaded import Loaded, Real, loaded
 
 LENGTH = 80  # actions of a history
 SEEDS = (1, 2, 3, 4, 5)
-KERNELS = 1e-12  # difference of the C and the Python kernel, of the largest value of a variable
 CALLS = int(float(os.environ.get("FLEXBEAMS_CALLS", "0")))
 STARTS = (0.0, 3.0, -1e9, 1.7e9)  # s
 
@@ -46,6 +45,7 @@ class Profile:
     impossible: Sequence[dict[str, float]] = ()  # refused when the initialisation ends
     burst: str = ""  # an input that is changed at ten steps in a row
     moving: str = ""  # an output that tells whether a motion is under way
+    kernels: float = 1e-12  # largest difference of the C and the Python kernel, of the largest value of a variable
 
 
 def uniform(low: float, high: float) -> Callable[[np.random.Generator], float]:
@@ -110,6 +110,7 @@ PROFILES = {
         impossible=[{"voltage_limit": 12.5, "y_target": -2e-3}, {"voltage_max": 12.5, "y_target": -2e-3}],
         burst="y_target",
         moving="moving",
+        kernels=1e-11,  # states are sums of up to 30 derivatives that cancel
     ),
     "TrackingController": Profile(
         steps=(2e-4, 1e-3, 5e-5, 7e-4),
@@ -434,7 +435,7 @@ def difference(native: History, python: History) -> float:
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("unit", [unit for unit in PROFILES if unit != "BeamClosedLoop"])
 def test_both_kernels_agree_over_a_history(unit: str, seed: int) -> None:
-    assert difference(history("native", unit, seed), history("python", unit, seed)) < KERNELS
+    assert difference(history("native", unit, seed), history("python", unit, seed)) < PROFILES[unit].kernels
 
 
 @needs_zig
@@ -457,7 +458,7 @@ def test_as_many_calls_as_wanted(unit: str) -> None:
             count = first - max(SEEDS) - 1
             print(f"\r{unit}: {count} histories, {calls} calls, kernels differ by {worst:.1e}", end="", flush=True)
     print()
-    assert worst < KERNELS
+    assert worst < PROFILES[unit].kernels
 
 
 @pytest.mark.parametrize(("backend", "unit"), CASES)

@@ -1,5 +1,6 @@
 """Building native units: what is in them, compilers, platforms, equal bytes."""
 
+import platform
 import shutil
 import struct
 import subprocess
@@ -420,6 +421,17 @@ def test_cmake_builds_the_sources(shared: str, prefix: str, tmp_path: Path) -> N
         line.split()[-1] for line in run(["nm", *flags, "--defined-only", str(library)]).splitlines() if " T " in line
     ]
     assert sorted(names) == [f"{prefix}{name}" for name in FUNCTIONS]
+
+
+@needs("cmake", "ninja", "gcc")
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="this is not x86-64")
+@pytest.mark.parametrize(("bits", "by_sse"), [("-m32", True), ("-m64", False)])
+def test_cmake_keeps_32_bit_units_off_the_x87(bits: str, by_sse: bool, tmp_path: Path) -> None:
+    """By a flag, which no other machine gets; its registers are longer than doubles."""
+    options = [f"-DFMI2_HEADERS={HEADERS}", "-DCMAKE_C_COMPILER=gcc", f"-DCMAKE_C_FLAGS={bits}"]
+    options += ["-DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON"]
+    run(["cmake", "-G", "Ninja", "-S", str(source_folder("TrackingController")), "-B", str(tmp_path), *options])
+    assert ("-msse2 -mfpmath=sse" in (tmp_path / "compile_commands.json").read_text()) == by_sse
 
 
 @needs("cmake", "ninja")
