@@ -18,6 +18,7 @@ from flexbeams.fmus.packaging.compilers import PLATFORMS
 from flexbeams.fmus.packaging.native import HEADERS, build_native_units
 from flexbeams.plant.basis import Array
 from tests.helpers import design_of
+from tests.native.processors import ARM64, HERE, RISCV64, X86_32, Processor
 from tests.native.workshop import (
     HARNESSES,
     NATIVE_UNITS,
@@ -36,9 +37,8 @@ pytestmark = [
     pytest.mark.native,
     pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"),
 ]
-HERE = "x86_64-linux"
+LINUX = "x86_64-linux"
 WINE = next(filter(None, map(shutil.which, ("wine", "wine64", "/usr/lib/wine/wine64"))), None)
-ARM_ROOT = Path("/usr/aarch64-linux-gnu")
 STEPS = 500
 # Largest difference by signal, relative to its largest value: exp, exp2 and pow of C libraries differ in the last digit
 TOLERANCE = 1e-12
@@ -69,9 +69,9 @@ class Emulator:
 @pytest.fixture(scope="module")
 def emulators() -> Iterator[dict[str, Emulator]]:
     """Those that are installed, by platform."""
-    found = {HERE: Emulator()}
-    if shutil.which("qemu-aarch64") and (ARM_ROOT / "lib").is_dir():
-        found["aarch64-linux"] = Emulator(command=("qemu-aarch64", "-L", str(ARM_ROOT)))
+    found = {LINUX: Emulator()}
+    if ARM64.is_here:
+        found["aarch64-linux"] = Emulator(command=ARM64.through)
     prefix = {"WINEPREFIX": str(workspace() / "wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml="}
     if WINE is not None:
         wine = Emulator(command=(WINE,), environment=prefix, root="Z:")
@@ -91,7 +91,7 @@ def units(emulators: dict[str, Emulator]) -> dict[str, Path]:
     """The folders of units with binaries for the foreign platforms that run here, and run_library for each platform."""
     folder = workspace() / "foreign"
     folder.mkdir()
-    if foreign := [name for name in emulators if name != HERE]:
+    if foreign := [name for name in emulators if name != LINUX]:
         build_native_units([native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in NATIVE_UNITS], foreign)
     for name in emulators:
         more = ["-ldl"] if name.endswith("linux") else []
@@ -115,7 +115,7 @@ def trace(emulator: Emulator, name: str, unit: Path, state: Path, steps: Steps, 
     inputs = [v.valueReference for v in description.modelVariables if v.causality == "input"]
     reals = [v.valueReference for v in description.modelVariables if v.type == "Real"]
     listed = [",".join(map(str, references)) for references in (inputs, reals)]
-    library = next(((native_folder(unit.name) if name == HERE else unit) / "binaries" / name).iterdir())
+    library = next(((native_folder(unit.name) if name == LINUX else unit) / "binaries" / name).iterdir())
     program = str(unit.parent / f"{name}.exe")
     lengths = ",".join(map(repr, steps.lengths))
     arguments = (description.guid, str(STEPS), lengths, *listed, repr(steps.start), emulator.path(state), *more)
@@ -148,16 +148,16 @@ def test_values_and_states_are_those_of_x86_linux(
         )
     assert sorted(units) == sorted(NATIVE_UNITS)
     for unit, folder in units.items():
-        states = {platform: folder / f"{platform}.state" for platform in (HERE, name)}
-        here = trace(emulators[HERE], HERE, folder, states[HERE], steps)
+        states = {platform: folder / f"{platform}.state" for platform in (LINUX, name)}
+        here = trace(emulators[LINUX], LINUX, folder, states[LINUX], steps)
         there = trace(emulators[name], name, folder, states[name], steps)
         assert here.shape[0] == STEPS // 50
-        assert states[HERE].stat().st_size == states[name].stat().st_size
+        assert states[LINUX].stat().st_size == states[name].stat().st_size
         np.testing.assert_array_equal(
-            trace(emulators[HERE], HERE, folder, states[HERE], steps, "load"), here[len(here) // 2 :]
+            trace(emulators[LINUX], LINUX, folder, states[LINUX], steps, "load"), here[len(here) // 2 :]
         )
-        taken_over = trace(emulators[name], name, folder, states[HERE], steps, "load")
-        given_away = trace(emulators[HERE], HERE, folder, states[name], steps, "load")
+        taken_over = trace(emulators[name], name, folder, states[LINUX], steps, "load")
+        given_away = trace(emulators[LINUX], LINUX, folder, states[name], steps, "load")
         largest = np.maximum(np.max(np.abs(here), axis=0), 1e-300)
         assert np.max(largest) > 1e-6
         differences = [np.max(np.abs(there - here) / largest)]
@@ -167,44 +167,39 @@ def test_values_and_states_are_those_of_x86_linux(
         assert max(differences) <= TOLERANCE, unit
 
 
-# Of CPUs without a library of their own: the emulator for programs of the target of zig
-CPUS = {"x86-linux-musl": "qemu-i386", "riscv64-linux-musl": "qemu-riscv64"}
-
-
-def linked_trace(unit: str, target: str, emulator: Sequence[str], steps: Steps) -> Array:
-    """What run_library prints for a unit that is linked into it."""
+def linked_trace(unit: str, processor: Processor, steps: Steps) -> Array:
+    """What run_library prints for a unit that is linked into it, on a processor without a library of its own."""
     folder = native_folder(unit)
     description = fmpy.read_model_description(folder, validate=False)
     inputs, reals = (
         ",".join(str(v.valueReference) for v in description.modelVariables if chosen(v))
         for chosen in (lambda v: v.causality == "input", lambda v: v.type == "Real")
     )
-    program = workspace() / f"linked-{unit}-{target}"
+    program = workspace() / f"linked-{unit}-{processor.target}"
     sources = [str(HARNESSES / "run_library.c"), str(folder / "sources" / f"{unit}.c")]
-    flags = ["-DLINKED", "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-O2", *STRICT, f"-I{HEADERS}", "-static"]
-    run([*ZIG, "-target", target, "-mcpu=baseline", *flags, *sources, "-o", str(program), "-lm"])
+    flags = ["-DLINKED", "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-O2", *STRICT, f"-I{HEADERS}"]
+    run([*processor.compiler, "-mcpu=baseline", *flags, *sources, "-o", str(program), "-lm"])
     lengths, state = ",".join(map(repr, steps.lengths)), str(workspace() / "linked.state")
     arguments = ["-", description.guid, str(STEPS), lengths, inputs, reals, repr(steps.start), state]
-    text = run([*emulator, str(program), *arguments])
+    text = run([*processor.through, str(program), *arguments])
     return np.array([line.split() for line in text.splitlines()], dtype=float)
 
 
 @needs_zig
 @pytest.mark.timeout(0)
 @pytest.mark.skipif(
-    "FLEXBEAMS_CPUS" not in os.environ, reason="FLEXBEAMS_CPUS is not set: zig builds C libraries first"
+    "FLEXBEAMS_CPUS" not in os.environ, reason="FLEXBEAMS_CPUS is not set: test_native_readme is shorter"
 )
-@pytest.mark.parametrize("target", CPUS)
-def test_values_on_other_cpus(target: str) -> None:
+@pytest.mark.parametrize(
+    "processor", [pytest.param(other, marks=other.needed, id=other.target) for other in (X86_32, RISCV64)]
+)
+def test_values_on_other_cpus(processor: Processor) -> None:
     """Of the closed loop on 32-bit x86 and 64-bit RISC-V: within 1e-12 of each signal's largest value."""
-    if shutil.which(CPUS[target]) is None:
-        pytest.skip("not installed: qemu-user")
     steps = Steps(1.7e9, MIXED)
-    here = linked_trace(UNIT, "x86_64-linux-musl", (), steps)
-    there = linked_trace(UNIT, target, (CPUS[target],), steps)
+    here, there = linked_trace(UNIT, HERE, steps), linked_trace(UNIT, processor, steps)
     assert np.ptp(here, axis=0).max() > 0
     largest = np.maximum(np.max(np.abs(here), axis=0), 1e-300)
-    print(target, f"{np.max(np.abs(there - here) / largest):.1e}")
+    print(processor.target, f"{np.max(np.abs(there - here) / largest):.1e}")
     assert np.max(np.abs(there - here) / largest) <= TOLERANCE
 
 
@@ -213,7 +208,8 @@ def test_values_on_other_cpus(target: str) -> None:
     "target",
     [
         *(PLATFORMS[name].target for name in ("aarch64-linux", "x86_64-windows", "aarch64-darwin")),
-        *CPUS,
+        X86_32.target,
+        RISCV64.target,
     ],
 )
 def test_sources_have_no_warning(target: str, tmp_path: Path) -> None:

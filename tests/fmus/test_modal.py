@@ -14,7 +14,8 @@ from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.structure import find_structure, read_structure
-from tests.native.workshop import HARNESSES, STRICT, ZIG, needs, needs_zig, run, workspace
+from tests.native.processors import ARM64
+from tests.native.workshop import HARNESSES, STRICT, needs, needs_zig, run, workspace
 
 pytestmark = pytest.mark.native
 
@@ -368,10 +369,10 @@ def test_every_compiler_gives_the_same_bits(command: tuple[str, ...]) -> None:
 
 
 @needs_zig
-@needs("gcc", "qemu-aarch64")
+@needs("gcc")
+@ARM64.needed
 def test_other_processors_give_the_same_bits() -> None:
-    arm = (*ZIG, "-target", "aarch64-linux-musl", "-static", "-O2")
-    assert bits(arm, ("qemu-aarch64",)) == bits(("gcc", "-O2"))
+    assert bits((*ARM64.compiler, "-O2"), ARM64.through) == bits(("gcc", "-O2"))
 
 
 @needs("clang")

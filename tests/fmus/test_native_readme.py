@@ -14,11 +14,11 @@ import pytest
 from flexbeams.fmus.packaging.native import HEADERS
 from flexbeams.fmus.units.native_kernel import NATIVE
 from tests.helpers import design_of
+from tests.native.processors import ARM32, HERE, RISCV64, X86_32, Processor
 from tests.native.workshop import (
     HARNESSES,
     INCLUDES,
     NATIVE_UNITS,
-    ZIG,
     guid_of,
     native_fmus,
     native_unit,
@@ -29,7 +29,6 @@ from tests.native.workshop import (
 
 PAGE = (NATIVE / "README.md").read_text(encoding="utf-8")
 TARGET = [-8e-3, 1e-3, 4e-3, -6e-3]  # m
-ARM = "arm-linux-musleabihf"
 on_x86_linux = pytest.mark.skipif(
     platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"
 )
@@ -77,56 +76,54 @@ def numbers(printed: str) -> list[float]:
     return [float(line.split()[2]) for line in printed.splitlines()]
 
 
-def example(target: str, folder: Path) -> Path:
-    """The example with the three units, built for another machine by zig, without libraries of that machine."""
+def deflections(processor: Processor, folder: Path) -> list[float]:
+    """What the example prints with the three units, built by zig for a processor."""
     (folder / "rig.c").write_text(block("c"))
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
     names = {"FEEDFORWARD": "FlatnessFeedforward", "CONTROLLER": "TrackingController", "PLANT": "BeamPlant"}
     guids = [f'-D{name}_GUID="{guid_of(unit)}"' for name, unit in names.items()]
     sources = [str(folder / "rig.c"), *(str(source_file(unit)) for unit in names.values())]
-    program = folder / f"rig-{target}"
-    run([*ZIG, "-target", target, "-static", *flags, f"-I{HEADERS}", *guids, *sources, "-o", str(program), "-lm"])
-    return program
+    program = folder / f"rig-{processor.target}"
+    run([*processor.compiler, *flags, f"-I{HEADERS}", *guids, *sources, "-o", str(program), "-lm"])
+    return numbers(run([*processor.through, str(program)]))
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> list[float]:
+    """What the example prints on this machine."""
+    return deflections(HERE, tmp_path_factory.mktemp("here"))
 
 
 @on_x86_linux
 @pytest.mark.parametrize(
-    ("target", "emulator"),
-    [
-        pytest.param(target, emulator, marks=needs(emulator), id=target)
-        for target, emulator in (
-            (ARM, "qemu-arm"),
-            ("x86-linux-musl", "qemu-i386"),
-            ("riscv64-linux-musl", "qemu-riscv64"),
-        )
-    ],
+    "processor", [pytest.param(other, marks=other.needed, id=other.target) for other in (ARM32, X86_32, RISCV64)]
 )
-def test_the_example_on_other_machines(target: str, emulator: str, tmp_path: Path) -> None:
+def test_the_example_on_other_machines(processor: Processor, here: list[float], tmp_path: Path) -> None:
     """Without a warning, and to 1e-12 of the largest deflection that of this machine."""
-    own = numbers(run([str(example("x86_64-linux-musl", tmp_path))]))
-    other = numbers(run([emulator, str(example(target, tmp_path))]))
-    np.testing.assert_allclose(other, own, rtol=0, atol=1e-12 * max(map(abs, own)))
+    np.testing.assert_allclose(deflections(processor, tmp_path), here, rtol=0, atol=1e-12 * max(map(abs, here)))
 
 
-@needs("qemu-arm", "readelf")
+@ARM32.needed
+@needs("readelf")
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_sizes_on_arm(unit: str, tmp_path: Path) -> None:
     """Code, tables, heap and stack of the page's table, to 10 %; alignment moves the stack by up to 64 bytes."""
     row = next(line for line in PAGE.splitlines() if line.startswith(f"| `{unit}`") and line.count("|") == 6)
     code, tables, heap, stack = (int(cell.replace(",", "")) for cell in row.split("|")[2:6])
-    compiler = [*ZIG, "-target", ARM, "-std=c99", "-O2", "-ffp-contract=off", *INCLUDES]
+    compiler = [*ARM32.compiler, "-std=c99", "-O2", "-ffp-contract=off", *INCLUDES]
     definitions = [f'-DUNIT_GUID="{guid_of(unit)}"', "-DFMI2_OVERRIDE_FUNCTION_PREFIX"]
     run([*compiler, "-c", str(source_file(unit)), "-o", str(tmp_path / "unit.o")])
     program = tmp_path / "footprint"
     harness = str(HARNESSES / "footprint.c")
-    run([*compiler, *definitions, "-static", str(source_file(unit)), harness, "-o", str(program), "-lm"])
-    used = json.loads(run(["qemu-arm", str(program)]))
+    run([*compiler, *definitions, str(source_file(unit)), harness, "-o", str(program), "-lm"])
+    used = json.loads(run([*ARM32.through, str(program)]))
     sections = section_sizes(tmp_path / "unit.o")
     assert code == pytest.approx(sections[".text"], rel=0.1)
     assert tables == pytest.approx(sections[".rodata"], rel=0.1)
     assert heap == pytest.approx(used["heap"], rel=0.1)
     assert stack == pytest.approx(used["stack"], rel=0.1, abs=64)
-    assert used["stack_of_log"] < 2500
+    (line_of_log,) = re.findall(r"A line for the log takes (\S+) KB of stack", PAGE)
+    assert used["stack_of_log"] == pytest.approx(1000 * float(line_of_log), rel=0.1)
 
 
 def section_sizes(file: Path) -> dict[str, int]:
