@@ -13,6 +13,7 @@ from flexbeams.scenarios.definition.settings import Settings
 from tests.compilations import compile_anew, compile_once
 from tests.helpers import BuiltUnits, Workshop, computed_once, session_folder, with_shared_units
 from tests.native.workshop import native_folder, needs_zig
+from tests.order import place_of
 
 MOST_WORKERS = 8
 
@@ -25,6 +26,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: place_of(item.path))
     if find_spec("ziglang") is None:
         for item in items:
             if item.get_closest_marker("native"):

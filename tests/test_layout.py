@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from tests.order import LONGEST, TESTS
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("flexbeams", "plant", "controller", "fmus", "scenarios")
 
@@ -244,3 +246,7 @@ def test_lengths_of_functions_are_counted() -> None:
     ]
     tree = ast.parse("\n".join(lines))
     assert list(functions(tree, "m")) == [("m.A.f", 5), ("m.A.f.g", 2)]
+
+
+def test_the_longest_test_files_are_there() -> None:
+    assert [name for name in LONGEST if not (TESTS / name).is_file()] == []
