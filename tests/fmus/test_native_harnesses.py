@@ -32,7 +32,8 @@ from tests.native.workshop import (
 pytestmark = pytest.mark.native
 
 UNDEFINED = "undefined,float-cast-overflow"
-SANITIZE = ("-O1", "-g", f"-fsanitize=address,{UNDEFINED}", "-fno-sanitize-recover=all")
+# Without optimisation, which removes some of the checks and takes five times as long to compile
+CHECKED = ("-O0", "-gline-tables-only", "-fno-sanitize-recover=all")
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is for Linux")
 
 
@@ -40,14 +41,14 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="the harness is fo
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_life_cycle_under_sanitizers(unit: str) -> None:
     """AddressSanitizer with its leak check and UndefinedBehaviorSanitizer, misuse included."""
-    program = compiled("life_cycle", unit, "clang", *SANITIZE)
+    program = compiled("life_cycle", unit, "clang", *CHECKED, f"-fsanitize=address,{UNDEFINED}")
     assert "lines logged" in run([str(program)])
 
 
 @needs("gcc", "valgrind")
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_life_cycle_under_valgrind(unit: str) -> None:
-    program = compiled("life_cycle", unit, "gcc", "-O1", "-g")
+    program = compiled("life_cycle", unit, "gcc", "-O0", "-g")
     run(["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", "--errors-for-leak-kinds=all", str(program)])
 
 
@@ -56,7 +57,7 @@ def test_life_cycle_under_valgrind(unit: str) -> None:
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_instances_in_threads_share_nothing(unit: str) -> None:
     """Under ThreadSanitizer, with equal values."""
-    program = compiled("threads", unit, "clang", "-O1", "-g", "-fsanitize=thread", "-pthread", small=True)
+    program = compiled("threads", unit, "clang", *CHECKED, "-fsanitize=thread", "-pthread", small=True)
     assert run([str(program)]) == "equal\n"
 
 
@@ -64,7 +65,7 @@ def test_instances_in_threads_share_nothing(unit: str) -> None:
 @needs("gcc")
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_nothing_is_allocated_between_instantiation_and_free(unit: str) -> None:
-    run([str(compiled("allocations", unit, "gcc", "-O2"))])
+    run([str(compiled("allocations", unit, "gcc", "-O0"))])
 
 
 @needs("gcc")
@@ -83,16 +84,7 @@ def test_a_host_that_adds_up_its_steps_gets_the_same_bits() -> None:
 @pytest.mark.parametrize("unit", NATIVE_UNITS)
 def test_random_calls(unit: str) -> None:
     """A short, seeded run; tests/native/fuzz.sh runs for as long as wanted."""
-    program = compiled(
-        "fuzz",
-        unit,
-        "clang",
-        "-O1",
-        "-g",
-        f"-fsanitize=fuzzer,address,{UNDEFINED}",
-        "-fno-sanitize-recover=all",
-        small=True,
-    )
+    program = compiled("fuzz", unit, "clang", *CHECKED, f"-fsanitize=fuzzer,address,{UNDEFINED}", small=True)
     run([str(program), "-seed=1", "-runs=4000", "-max_len=300", "-verbosity=0", f"-artifact_prefix={workspace()}/"])
 
 
