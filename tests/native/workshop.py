@@ -91,20 +91,25 @@ def closed_loop(design: Design, out: Path) -> ClosedLoop:
 
 
 @cache
-def native_fmus(structure: str = "kiel", basis: str = "clamped_free") -> Path:
-    """The folder with the FMUs."""
+def native_fmus() -> Path:
+    """The folder with the FMUs of the usual design."""
 
     def make(folder: Path) -> None:
-        design = design_of(structure, basis)
-        build_native_units([native_unit(unit, design, folder / f"{unit}.fmu") for unit in NATIVE_UNITS])
+        build_native_units([native_unit(unit, design_of(), folder / f"{unit}.fmu") for unit in NATIVE_UNITS])
 
-    return made_once(f"native/{structure}-{basis}", make)
+    return made_once("native/kiel", make)
 
 
 @cache
 def native_folder(unit: str, structure: str = "kiel", basis: str = "clamped_free") -> Path:
-    """The folder that the FMU is extracted to."""
-    return extracted_once(native_fmus(structure, basis) / f"{unit}.fmu")
+    """The folder that an FMU is extracted to; those of other designs are built one by one."""
+    if (structure, basis) == ("kiel", "clamped_free"):
+        return extracted_once(native_fmus() / f"{unit}.fmu")
+
+    def make(folder: Path) -> None:
+        build_native_units([native_unit(unit, design_of(structure, basis), folder / f"{unit}.fmu")])
+
+    return extracted_once(made_once(f"native/{structure}-{basis}-{unit}", make) / f"{unit}.fmu")
 
 
 @cache
