@@ -162,8 +162,8 @@ def _compiled(
     library = folder / f"{name}{target.suffix}"
     files = [folder / compiled_file(name)]
     if tool.is_zig and target.suffix == ".dll":
-        files.append(folder / f"{name}.rc")
-        files[-1].write_text(version_resource(unit.interface, library.name, version))
+        files.append(folder / f"{name}.res")
+        files[-1].write_bytes(version_resource(unit.interface, library.name, version))
     tool.build(library, files, [HEADERS], target, ["FMI2_OVERRIDE_FUNCTION_PREFIX"])
     content = library.read_bytes()
     return fmi_exports(content) if target.suffix == ".dylib" else content

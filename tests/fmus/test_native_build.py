@@ -27,6 +27,7 @@ from flexbeams.fmus.packaging.binaries import binary_entries
 from flexbeams.fmus.packaging.c_tables import panels
 from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find_compiler, host_platform
 from flexbeams.fmus.packaging.native import HEADERS, build_native_units, unit_sources
+from flexbeams.fmus.packaging.version_resource import version_resource
 from flexbeams.fmus.units.native_kernel import NATIVE
 from tests.helpers import ROOT, STRUCTURES, UNITS, Workshop, design_of
 from tests.native.mach_o import ARM64, X86_64, read_library, universal
@@ -306,6 +307,43 @@ def test_the_windows_library(everywhere: Path) -> None:
     assert all(name.startswith(("api-ms-win-crt-", "kernel32")) for name in needed)
     versions = dict(line.split()[:2] for line in text.splitlines() if line.startswith(("Major", "Minor")))
     assert max(int(versions["MajorOSystemVersion"]), int(versions["MajorSubsystemVersion"])) <= 10
+
+
+RESOURCE = """1 VERSIONINFO
+FILEVERSION 1,2,3,0
+PRODUCTVERSION 1,2,3,0
+FILEOS 0x40004
+FILETYPE 2
+BEGIN
+    BLOCK "StringFileInfo"
+    BEGIN
+        BLOCK "040904B0"
+        BEGIN
+            VALUE "CompanyName", "flexbeams contributors"
+            VALUE "FileDescription", "TrackingController, FMI 2.0 co-simulation unit"
+            VALUE "FileVersion", "1.2.3.dev4"
+            VALUE "InternalName", "TrackingController"
+            VALUE "LegalCopyright", "flexbeams contributors, BSD-2-Clause"
+            VALUE "OriginalFilename", "TrackingController.dll"
+            VALUE "ProductName", "flexbeams"
+            VALUE "ProductVersion", "1.2.3.dev4"
+        END
+    END
+    BLOCK "VarFileInfo"
+    BEGIN
+        VALUE "Translation", 0x409, 1200
+    END
+END
+"""
+
+
+@needs("llvm-rc")
+def test_a_resource_compiler_gives_the_version_information(tmp_path: Path) -> None:
+    interface = native_unit("TrackingController", design_of(), tmp_path).interface
+    (tmp_path / "version.rc").write_text(RESOURCE)
+    run(["llvm-rc", "/FO", str(tmp_path / "version.res"), str(tmp_path / "version.rc")])
+    own = version_resource(interface, "TrackingController.dll", "1.2.3.dev4")
+    assert own == (tmp_path / "version.res").read_bytes()
 
 
 @needs_zig
