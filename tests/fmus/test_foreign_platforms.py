@@ -96,7 +96,8 @@ def units(emulators: dict[str, Emulator]) -> dict[str, Path]:
     for name in emulators:
         more = ["-ldl"] if name.endswith("linux") else []
         source, program = str(HARNESSES / "run_library.c"), str(folder / f"{name}.exe")
-        flags = ["-mcpu=baseline", "-O2", "-std=c99", "-Wall", "-Werror", f"-I{HEADERS}"]
+        # stripped like the units: for others zig compiles its libraries again
+        flags = ["-mcpu=baseline", "-O2", "-g0", "-s", "-std=c99", "-Wall", "-Werror", f"-I{HEADERS}"]
         run([*ZIG, "-target", PLATFORMS[name].target, *flags, source, "-o", program, *more])
     return {file.stem: Path(fmpy.extract(str(file), str(file.with_suffix("")))) for file in folder.glob("*.fmu")}
 

@@ -35,8 +35,8 @@ class Processor:
 
     @property
     def compiler(self) -> tuple[str, ...]:
-        """The command that compiles for it."""
-        return (*ZIG, "-target", self.target)
+        """The command that compiles for it, stripped like the units: for others zig compiles its libraries again."""
+        return (*ZIG, "-target", self.target, "-g0", "-s")
 
 
 HERE = Processor(target="x86_64-linux-gnu.2.17")
