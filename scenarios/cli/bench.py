@@ -27,10 +27,13 @@ from flexbeams.scenarios.cli.options import cache_option, compiler_option
 @click.option(
     "--identify", is_flag=True, help="Instead: processor time of identifications, two to four minutes in all."
 )
+@click.option("--study", is_flag=True, help="Instead: what a sample of a study costs, beside a run's stepping loop.")
 @click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
 @compiler_option
 @cache_option
-def bench(steps: int, masters: bool, identify: bool, as_json: bool, compiler: str, build_folder: Path | None) -> int:
+def bench(
+    steps: int, masters: bool, identify: bool, study: bool, as_json: bool, compiler: str, build_folder: Path | None
+) -> int:
     """Measure what a step costs: bare C loop, FMI functions, runner and numpy, interleaved in one process.
 
     Measures only: the exit status is 0 whether targets are met or not.
@@ -48,6 +51,11 @@ def bench(steps: int, masters: bool, identify: bool, as_json: bool, compiler: st
             from flexbeams.scenarios.cli.bench_tables import show_identification as show
 
             figures: dict[str, Any] = measure_identification(progress=progress)
+        elif study:
+            from flexbeams.scenarios.cli.bench_tables import show_samples as show
+            from flexbeams.scenarios.studies.costs import sample_costs
+
+            figures = sample_costs(compiler, cache_folder(build_folder), display.note, progress)
         elif masters:
             from flexbeams.scenarios.bench.masters import measure_masters
             from flexbeams.scenarios.cli.bench_tables import show_masters as show

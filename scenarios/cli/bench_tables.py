@@ -47,6 +47,20 @@ def _callers(costs: dict[str, Any]) -> str:
     return f"{text}; of the environment flexbeams/Tracking-v0: {each}"
 
 
+def show_samples(figures: dict[str, Any]) -> None:
+    """What a sample of a study costs, beside the stepping loop of a run."""
+    table = _titled(f"{figures['study']}, {figures['steps']} steps", "", "processor time, ms", "x run", "a core-second")
+    names = {
+        "run": "stepping loop of a run",
+        "units": "sample through the FMI units",
+        "batch": "sample through the batch kernel",
+    }
+    for key, name in names.items():
+        cost = figures[key]
+        table.add_row(name, f"{1e3 * cost['seconds']:.2f}", f"{cost['ratio']:.3f}", f"{1 / cost['seconds']:.0f}")
+    console().print(table)
+
+
 def show_masters(figures: dict[str, Any]) -> None:
     """Seconds of each master beside the runner's, and how far they agree."""
     out = console()

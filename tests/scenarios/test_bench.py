@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flexbeams.controller.planner import PLANNING_TICKS
+from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.plant.basis import Array
 from flexbeams.plant.structure import find_structure, read_structure
 from flexbeams.scenarios.bench.growth import repeat_beams
@@ -16,8 +17,9 @@ from flexbeams.scenarios.bench.identification import Case, measure_identificatio
 from flexbeams.scenarios.bench.plant_forms import dense_plant
 from flexbeams.scenarios.bench.unit_loops import Loop
 from flexbeams.scenarios.bench.workbench import Workbench
-from flexbeams.scenarios.cli.bench_tables import show_identification
+from flexbeams.scenarios.cli.bench_tables import show_identification, show_samples
 from flexbeams.scenarios.cli.main import main
+from flexbeams.scenarios.studies.costs import sample_costs
 from tests.helpers import design_of
 
 pytestmark = pytest.mark.native
@@ -221,3 +223,14 @@ def test_identifications_are_timed(capsys: pytest.CaptureFixture[str]) -> None:
     assert figures["found"] >= 5
     show_identification(fits)
     assert "single_beam" in capsys.readouterr().out
+
+
+def test_samples_of_a_study_cost_what_they_take(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyarrow")
+    figures = sample_costs("zig", cache_folder(None), print, rounds=1)
+    run = figures["run"]["seconds"]
+    assert figures["steps"] == 30_000
+    for name in ("units", "batch"):
+        assert figures[name]["ratio"] == pytest.approx(figures[name]["seconds"] / run)
+    show_samples(figures)
+    assert f"{1e3 * figures['batch']['seconds']:.2f}" in capsys.readouterr().out

@@ -78,20 +78,29 @@ static void unwind(Batch *batch, size_t lane)
         set_lane(&batch->at.growth[i], lane, own[i]);
 }
 
+/* Growth of the integral: gain (H_ref - law - direct u). */
+INLINE void grow_integral(size_t voltages, const Batch *batch, const double *restrict reference,
+                          const Lanes *restrict u, Lanes *restrict growth)
+{
+    const double *restrict direct = batch->direct;
+    const Lanes *restrict law = batch->at.law + voltages;
+    const Lanes gain = lanes_of(batch->task->controller.integral_gain);
+    for (size_t i = 0; i < voltages; i++, direct += voltages) {
+        Lanes sum = lanes_subtract(lanes_of(reference[voltages + i]), law[i]);
+        for (size_t j = 0; j < voltages; j++)
+            sum = lanes_subtract(sum, lanes_multiply(lanes_of(direct[j]), u[j]));
+        growth[i] = lanes_multiply(sum, gain);
+    }
+}
+
 void regulate(Batch *batch, const double *reference, const Lanes *u, Lanes *next)
 {
     const LoopSizes *const s = &batch->sizes;
     const BatchController *const c = &batch->task->controller;
     Lanes *const law = batch->at.law;
-    const Lanes gain = lanes_of(c->integral_gain);
-    const Lanes none = lanes_of(0.0);
     Lanes *const growth = batch->at.growth;
-    for (size_t i = 0; i < s->voltages; i++) {
-        Lanes sum = lanes_subtract(lanes_of(reference[s->voltages + i]), law[s->voltages + i]);
-        for (size_t j = 0; j < s->voltages; j++)
-            sum = lanes_subtract(sum, lanes_multiply(lanes_of(batch->direct[i * s->voltages + j]), u[j]));
-        growth[i] = lanes_multiply(sum, gain);
-    }
+    const Lanes none = lanes_of(0.0);
+    AT_COUNT(s->voltages, grow_integral, batch, reference, u, growth)
     LaneMask winding = lanes_above(none, none);
     for (size_t i = 0; i < s->voltages; i++) {
         const Lanes lowest = lanes_of(c->lowest[i]);

@@ -11,7 +11,7 @@
 #include "lanes.h"
 #include "modal.h"
 
-#define ROWS 4 /* that are measured at once */
+#define ROWS 8 /* that are measured at once */
 
 typedef struct {
     size_t voltages;
