@@ -1,9 +1,12 @@
 """Copies of an instance in a process of their own: what saved states and what followed them give there."""
 
+import os
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +43,21 @@ def ends_of(folder: Path, cases: Sequence[Case]) -> tuple[list[Real], int]:
         return results, unit.call_count
 
 
+def _end_with_parent() -> None:
+    """Ends this process as soon as the one that started it is gone, however that ends."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 @cache
 def _second_process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_end_with_parent)
 
 
 def in_second_process(folder: Path, cases: Sequence[Case]) -> tuple[list[Real], int]:
