@@ -207,7 +207,6 @@ def test_fmpy_s_master_gives_the_same_results(
         output_interval=STEP,
         start_values=values | target,
         output=[without_owner(n) for n in outputs],
-        logger=lambda *message: None,
     )
     rows = np.column_stack([table[without_owner(n)] for n in outputs])
     assert len(rows) == reference.steps + 1
