@@ -7,7 +7,8 @@
 
 #include "host.h"
 
-enum { POINTS = 4, BINS = 100000, BIN = 10 }; /* ns */
+enum { POINTS = 4, BINS = 100000 };
+#define BIN 10.0 /* ns */
 
 /* Processor time of steps. */
 typedef struct {
