@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
+from time import sleep
 from typing import Any, TypeVar
 
 from flexbeams.plant.errors import FlexbeamsError
@@ -40,10 +41,19 @@ def guarded(function: Callable[..., T], *arguments: Any, patience: float = PATIE
 def end_of(processes: list[BaseProcess]) -> str:
     """How the first of these processes ended."""
     for process in processes:
-        process.join(1.0)
-        code = process.exitcode
+        code = _exit_code(process)
         if code is not None and code >= 0:
             return f"ended its process with the exit status {code}"
         if code is not None:
             return f"crashed ({signal.Signals(-code).name})"
     return "ended its process"
+
+
+def _exit_code(process: BaseProcess) -> int | None:
+    """None where it still runs after a while. The pool's own thread may have just taken it from the system."""
+    for _ in range(40):
+        process.join(0.05)
+        if process.exitcode is not None:
+            break
+        sleep(0.05)
+    return process.exitcode

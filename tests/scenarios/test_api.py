@@ -115,7 +115,7 @@ def test_margins_of_a_design_on_another_plant() -> None:
     [
         (lambda: fb.run("trackin"), "'trackin' is neither a file nor a shipped scenario; did you mean 'tracking'?"),
         (lambda: fb.run("tracking", stop_time=-1.0), "--stop-time must be finite and > 0, got -1.0"),
-        (lambda: fb.run("tracking", decimate=0), "--decimate must be >= 1, got 0"),
+        (lambda: fb.run("tracking", decimate=0), "decimate must be an integer >= 1, got 0"),
         (lambda: fb.structure("kil"), "'kil' is neither a file nor a shipped structure; did you mean 'kiel'?"),
         (lambda: fb.design(reduced_mode=4), "design: reduced_mode is not a known key; did you mean 'reduced_modes'?"),
         (lambda: fb.export("tracking", format="sspp"), "format must be one of ssp, "),  # type: ignore[arg-type]
