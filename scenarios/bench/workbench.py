@@ -120,8 +120,9 @@ class Workbench:
         return loop.record(self.steps)
 
     def closed_rows(self, targets: Array) -> Array:
-        """External signals of the closed loop with these targets (steps, points); forces are zero."""
-        rows = np.zeros((len(targets), sum(span.stop - span.start for span, _ in self._plan.external)))
+        """External signals of the closed loop that change, with these targets (steps, points); the others are zero."""
+        changing = self._plan.changing
+        rows = np.zeros((len(targets), changing.stop - changing.start))
         rows[:, : targets.shape[1]] = targets
         return rows
 

@@ -135,7 +135,7 @@ class NativeStepper:
 
     def advance(self, first: int, external: Array, every: int, rows: Array, first_row: int = 0) -> int:
         """See Stepper.advance."""
-        external = np.ascontiguousarray(external)
+        external = self._rows(external)
         pace = None
         if self._pace is not None and self.lateness is not None:
             if first == 0:
@@ -171,7 +171,7 @@ class NativeStepper:
 
     def durations(self, first: int, external: Array) -> Array:
         """Duration of each step, s (count,), of steps as in `advance` with nothing recorded."""
-        external, seconds = np.ascontiguousarray(external), np.empty(len(external))
+        external, seconds = self._rows(external), np.empty(len(external))
         done = self._library.time_block(
             ctypes.byref(self._run),
             ctypes.c_int64(first),
@@ -181,6 +181,10 @@ class NativeStepper:
         )
         self._require(int(done), len(external))
         return seconds
+
+    def _rows(self, external: Array) -> Array:
+        assert external.shape[1] == self._run.n_external, "a row has the external signals that change"
+        return np.ascontiguousarray(external)
 
     def _require(self, done: int, count: int) -> int:
         """The steps done; UnitFailure or UnitEnded where they are fewer than `count`."""

@@ -99,8 +99,11 @@ def test_feedforward_under_way_and_arrived(bench: Workbench, end: int) -> None:
 
 
 def test_closed_loop(bench: Workbench) -> None:
-    """The bare loop and numpy end where the runner does, in the middle of the transition."""
+    """The loops of units, bare and of numpy end where the runner does, in the middle of the transition."""
     recorded = bench.closed_run()
+    units = bench.closed_loop(recorded=False)
+    units.advance_from_start(bench.closed_rows(bench.targets()))
+    assert units.instances["plant"].get("y_pi[2]") == recorded["plant.y_pi[2]"][-1]
     transitions = bench.closed_transitions()
     bare, numpy = bench.bare(transitions), bench.numpy(transitions)
     bare.closed(STEPS)
