@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from flexbeams.plant.errors import InputError
-from flexbeams.scenarios.api.arguments import require_number
+from flexbeams.scenarios.definition.arguments import require_number
 from flexbeams.scenarios.results.compare import Comparison as ComparedRuns
 from flexbeams.scenarios.results.compare import compare as read_runs
 from flexbeams.scenarios.results.differences import (

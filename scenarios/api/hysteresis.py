@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from flexbeams.plant.errors import InputError
 from flexbeams.plant.identification.actuator_file import write_pair
 from flexbeams.plant.identification.hysteresis import MOST_PLAYS, HysteresisFit, fit_hysteresis
 from flexbeams.plant.identification.loops import LoopColumns, read_loops
 from flexbeams.plant.structure import find_structure
 from flexbeams.scenarios.api.identifications import reading_of
+from flexbeams.scenarios.definition.arguments import integer
 from flexbeams.scenarios.report.hysteresis import write_hysteresis_page
 from flexbeams.scenarios.runs.observer import ignore_note
 
@@ -70,9 +70,8 @@ def identify_hysteresis(
     >>> fb.structure("results/rig.toml").actuator.pair[0] == fit.pair
     True
     """
-    for name, number, most in (("pair", pair, None), ("plays", plays, MOST_PLAYS)):
-        if number is not None and not (isinstance(number, int) and 1 <= number <= (most or number)):
-            raise InputError(name, f"must be an integer from 1{f' to {most}' if most else ' on'}", number)
+    pair = None if pair is None else integer("pair", pair, 1)
+    plays = None if plays is None else integer("plays", plays, 1, MOST_PLAYS)
     loops = read_loops(
         Path(file), LoopColumns(pair=pair, sensor=sensor, mapping=dict(reading_of(columns or {}).columns))
     )

@@ -24,7 +24,7 @@ from flexbeams.plant.identification.steps_result import identify_in_steps
 from flexbeams.plant.identification.writing import write_identified
 from flexbeams.plant.static_maps import StaticMaps
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-from flexbeams.scenarios.api.arguments import require_choices
+from flexbeams.scenarios.definition.arguments import require_choices
 from flexbeams.scenarios.report.identification import write_identification
 from flexbeams.scenarios.runs.observer import ignore_note
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.kind import UnitKind
-from flexbeams.scenarios.api.arguments import require_choices, require_integer, require_number, require_table
+from flexbeams.scenarios.definition.arguments import require_choices, require_integer, require_number, require_table
 from flexbeams.scenarios.definition.choices import BACKENDS, BASES, COUPLINGS
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings

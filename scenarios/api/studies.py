@@ -11,7 +11,7 @@ import numpy as np
 from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
-from flexbeams.scenarios.api.arguments import require_choices, require_integer, require_number, require_table
+from flexbeams.scenarios.definition.arguments import require_choices, require_integer, require_number, require_table
 from flexbeams.scenarios.definition.choices import BACKENDS, METHODS, Backend, Method
 from flexbeams.scenarios.definition.schema import Value
 from flexbeams.scenarios.definition.settings import Settings

@@ -33,9 +33,6 @@ def guarded(function: Callable[..., T], *arguments: Any, patience: float = PATIE
         except TimeoutError:
             pool.kill()
             raise GuardedFailure(f"the code of a unit did not return within {patience:g} s") from None
-        except KeyboardInterrupt:
-            pool.kill()
-            raise
 
 
 def end_of(processes: list[BaseProcess]) -> str:

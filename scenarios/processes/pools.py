@@ -37,8 +37,8 @@ def usable_cores() -> int:
 class ProcessPool:
     """A pool of new processes, each with one thread of linear algebra; a context manager that ends them.
 
-    They ignore Ctrl-C and SIGTERM, which may reach all processes: only this one acts on them. They end with it, even if
-    it is killed. `initializer` is their first call.
+    They ignore Ctrl-C and SIGTERM, which may reach all processes: only this one acts on them, and one that leaves the
+    context ends them at once. They end with this process, even if it is killed. `initializer` is their first call.
     """
 
     def __init__(
@@ -72,6 +72,8 @@ class ProcessPool:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            self.kill()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 

@@ -133,8 +133,12 @@ class ResultFolder:
             self._write_claim()
 
     def keep(self, names: Sequence[str]) -> bool:
-        """Makes files of the earlier run files of this one, as they are; False, and nothing, where one is missing."""
-        if not all(self._earlier.get(name) for name in names):
+        """Makes files of the earlier run files of this one, as they are.
+
+        False, and nothing, where one is missing or was changed since `require_free`.
+        """
+        paths = [self.path / name for name in names]
+        if any(not path.is_file() or _hash(path.read_bytes()) != self._earlier.get(path.name) for path in paths):
             return False
         self._files |= {name: self._earlier[name] for name in names}
         self._write_claim()

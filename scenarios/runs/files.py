@@ -119,11 +119,13 @@ def write_loaded(
     summary = {**dict.fromkeys(TEXTS, ""), "title": run.label, "checks": [], "metrics": {}, "timing": {}, **known}
     with ResultFolder(path) as folder:
         folder.require_free([*file_names([], False, formats), *copied])
+        drawings = summary.pop("drawings", {})
         folder.begin(summary)
         write_formats(folder, run.recording, summary, formats)
         for name in copied:
             folder.write(path / name, (run.folder / name).read_bytes())
-        folder.finish(summary)
+        drawn = {name: drawings[name] for name in drawings if {*_drawn_names([name])} <= {*copied}}
+        folder.finish({**summary, "drawings": drawn})
 
 
 def _plots(run: Run, folder: Path) -> list[Plot]:

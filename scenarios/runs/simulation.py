@@ -4,7 +4,6 @@ import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from operator import index
 from types import TracebackType
 from typing import Any, Self
 
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 from flexbeams.controller.design import Design
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import InputError, suggestion
+from flexbeams.scenarios.definition.arguments import integer
 from flexbeams.scenarios.definition.declaration import by_index, split_owner
 from flexbeams.scenarios.definition.reduction import without_parts
 from flexbeams.scenarios.definition.scenario_file import ScenarioFile
@@ -177,7 +177,7 @@ class Simulation:
         if until is not None:
             count = max(0, -(-round((until - self.time) / self.step_size * 1e6) // 1_000_000))
         elif type(count) is not int or count < 0:
-            count = _whole("step", count)
+            count = integer("step", count, 0)
         self._stepwise.advance(count)
 
     def snapshot(self) -> Snapshot:
@@ -213,7 +213,7 @@ class Simulation:
         require_undriven(start, prepared.wiring.driven())
         starts = start_values(prepared.scenario, prepared.declarations, overrides, prepared.source)
         if seed is not None:
-            seed = _whole("seed", seed)
+            seed = integer("seed", seed, 0)
             noisy = [name for name, declaration in prepared.declarations.items() if SEED in declaration.variables]
             if not noisy:
                 raise InputError("seed", f"needs a unit with the parameter {SEED}", seed)
@@ -248,17 +248,6 @@ class Simulation:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _whole(name: str, value: Any) -> int:
-    """An integer >= 0; InputError for anything else."""
-    try:
-        whole = index(value)
-    except TypeError:
-        whole = -1
-    if whole < 0:
-        raise InputError(name, "must be an integer >= 0", value)
-    return whole
 
 
 def _spans(elements: Mapping[str, int]) -> dict[str, slice]:

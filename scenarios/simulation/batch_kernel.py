@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexbeams.fmus.packaging.cache import is_sound, keep, prepare_cache, toolchain_key
-from flexbeams.fmus.packaging.compilers import find_compiler, host_platform
+from flexbeams.fmus.packaging.compilers import FLAGS, PROCESSOR_FLAGS, find_compiler, host_platform
 from flexbeams.fmus.units.native_kernel import NATIVE as UNITS
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import FlexbeamsError
@@ -225,7 +225,8 @@ def batch_libraries(folder: Path, compiler: str) -> dict[str, Path]:
     prepare_cache(folder)
     for name in (BASELINE, *(LEVELS if platform.name.startswith("x86_64") else ())):
         processor = f"x86-64-{name}" if name in LEVELS else ""
-        digest = hashlib.sha256(content + processor.encode()).hexdigest()[:16]
+        flags = repr((processor, FLAGS, PROCESSOR_FLAGS.get(processor)))
+        digest = hashlib.sha256(content + flags.encode()).hexdigest()[:16]
         library = found[name] = folder / f"batch-{name}-{digest}{platform.suffix}"
         if not is_sound(library, folder):
             with temporary_folder() as temporary:

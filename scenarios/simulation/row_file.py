@@ -1,7 +1,7 @@
 """Rows of a long recording in a file: a NumPy array that can be read while it grows, and after its process was killed.
 
 The file is in NumPy's format .npy, version 3, with a field of doubles for the time and for each column: `np.load(file)`
-gives it, `np.load(file)["plant.y_pi[1]"]` one signal.
+gives it, `np.load(file)["plant.y_pi[1]"]` one signal. From some 350 columns on NumPy asks for `max_header_size=2**20`.
 """
 
 import os
@@ -16,6 +16,7 @@ from flexbeams.plant.errors import InputError
 
 _MAGIC = b"\x93NUMPY\x03\x00"
 _ALIGNMENT = 64  # bytes
+_LARGEST_HEAD = 2**20  # bytes; NumPy refuses more than 10,000 unless told
 _ROWS = 2**14  # that are read together
 _DIGITS = 20  # of the number of rows in the header
 
@@ -111,7 +112,9 @@ class LeftRows(RowFile):
     """
 
     def __init__(self, path: Path) -> None:
-        rows = np.load(path, mmap_mode="r")
+        rows = np.load(path, mmap_mode="r", max_header_size=_LARGEST_HEAD)
+        if not isinstance(rows, np.memmap):  # an archive of arrays
+            raise ValueError
         self._names = list(rows.dtype.names or [])
         if self._names[:1] != ["time"] or not len(rows) or rows.dtype != [(name, "<f8") for name in self._names]:
             raise ValueError

@@ -196,7 +196,7 @@ def _numbers(values: Any) -> Array:
     """As an array; NaN for what is none."""
     try:
         return np.asarray(values, dtype=float)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         return np.array(np.nan)
 
 

@@ -60,6 +60,10 @@ def test_an_integral_gain_beyond_the_limit_is_refused(structure: str, gain: floa
         compute_design(read_structure(find_structure(structure)), DesignOptions(integral_gain=gain))
 
 
+def test_an_integral_gain_that_the_rounded_limit_leaves_out_is_accepted() -> None:
+    assert compute_design(KIEL, DesignOptions(integral_gain=1.205e-3)).integral_gain == 1.205e-3
+
+
 @pytest.mark.parametrize(
     ("weights", "plant", "blamed"),
     [

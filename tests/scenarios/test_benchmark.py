@@ -45,6 +45,10 @@ class Short(Broken):
     def __call__(self, y, x_ref, u_ff):
         return [1.0]
 
+class Huge(Broken):
+    def __call__(self, y, x_ref, u_ff):
+        return [10**400] * 4
+
 class Text(Broken):
     def __call__(self, y, x_ref, u_ff):
         return "u_ff"
@@ -84,6 +88,7 @@ def test_a_class_and_a_unit_stand_in_for_the_controller(tmp_path: Path, capsys: 
         ("mine.py:Broken", "/mine.py: 'u'"),
         ("mine.py:Text", "must give 4 finite voltages, got 'u_ff'"),
         ("mine.py:Short", "must give 4 finite voltages, got '[1.0]'"),
+        ("mine.py:Huge", "must give 4 finite voltages, got '[10000"),
         ("mine.py:None_", "--controller has no class None_"),
         ("mine.py", "must name the class of a Python file: FILE.py:Class"),
         ("other.py:Mine", "must be FILE.fmu or FILE.py:Class, of a file that exists"),

@@ -15,6 +15,7 @@ from flexbeams.plant.errors import InputError
 from flexbeams.scenarios.cli.main import main
 from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.processes.guarded import GuardedFailure, guarded
+from flexbeams.scenarios.processes.pools import ProcessPool
 from flexbeams.scenarios.results.run import Run
 from flexbeams.scenarios.runs.files import write_run
 from flexbeams.scenarios.runs.observer import Observer
@@ -325,6 +326,13 @@ def leave() -> None:
     os._exit(3)
 
 
+def be_interrupted() -> None:
+    """Ctrl-C that comes while a process starts."""
+    with ProcessPool(1) as pool:
+        pool.submit(time.sleep, 60)
+        raise KeyboardInterrupt
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals")
 def test_guarded_calls() -> None:
     assert guarded(divmod, 7, 2) == (3, 1)
@@ -334,3 +342,7 @@ def test_guarded_calls() -> None:
         guarded(leave)
     with pytest.raises(GuardedFailure, match=r"did not return within 1 s"):
         guarded(time.sleep, 60, patience=1.0)
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        be_interrupted()
+    assert time.monotonic() - begin < 50

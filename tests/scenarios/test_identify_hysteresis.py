@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import flexbeams as fb
@@ -69,7 +70,9 @@ def test_bad_data_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     [
         ({"plays": 13}, "plays must be an integer from 1 to 12, got 13"),
         ({"plays": 2.5}, "plays must be an integer from 1 to 12, got 2.5"),
-        ({"pair": 0}, "pair must be an integer from 1 on, got 0"),
+        ({"plays": True}, "plays must be an integer from 1 to 12, got True"),
+        ({"pair": np.int64(1), "plays": np.int64(4), "sensor": "y_pi[9]"}, r"column 'y_pi\[9\]' is missing"),
+        ({"pair": 0}, "pair must be an integer >= 1, got 0"),
         ({"sensor": "y_pi[9]"}, r"column 'y_pi\[9\]' is missing"),
         ({"columns": {"y_pi[1]": "laser"}}, "column 'laser' is missing"),
     ],

@@ -93,6 +93,22 @@ def test_rows_of_a_killed_run_are_read_where_they_are(tmp_path: Path) -> None:
     after.close()
 
 
+def test_rows_of_many_signals_are_read(tmp_path: Path) -> None:
+    """NumPy itself refuses heads above 10,000 bytes; an archive of arrays is no file of rows."""
+    columns, path = [f"plant.signal[{k}]" for k in range(1, 501)], tmp_path / "rows.npy"
+    rows = np.random.default_rng(5).standard_normal((3, 1 + len(columns)))
+    RowFile(columns, path).append(rows)
+    left = LeftRows(path)
+    assert left.columns == columns
+    np.testing.assert_array_equal(left.read(0, 3), rows)
+    np.testing.assert_array_equal(np.load(path, max_header_size=2**20)["plant.signal[500]"], rows[:, 500])
+    left.close()
+    with path.open("wb") as file:
+        np.savez(file, time=rows)
+    with pytest.raises(ValueError, match=r"^$"):
+        LeftRows(path)
+
+
 @pytest.mark.parametrize("written", [64, 200, 1000])
 def test_rows_that_are_cut_off_are_not_counted(tmp_path: Path, written: int) -> None:
     """A process that is killed in the middle of writing a block leaves the rows before it."""

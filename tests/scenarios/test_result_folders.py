@@ -70,6 +70,20 @@ def test_only_files_of_the_earlier_run_are_replaced_or_removed(tmp_path: Path) -
     assert json.loads((tmp_path / "summary.json").read_text())["files"] == {"results.csv": digest("2")}
 
 
+@pytest.mark.parametrize("change", [None, "edited", "old"])
+def test_a_figure_is_kept_as_it_is_now(change: str | None, tmp_path: Path) -> None:
+    """Not where it was removed or edited while the run computed."""
+    earlier_run(tmp_path, report_html="old")
+    path = tmp_path / "report.html"
+    with ResultFolder(tmp_path) as results:
+        results.require_free([])
+        results.begin({})
+        path.unlink()
+        if change is not None:
+            path.write_text(change)
+        assert results.keep([path.name]) == (change == "old")
+
+
 @pytest.mark.parametrize("name", ["results.csv", "report.html"])
 def test_a_file_that_was_edited_since_is_kept(name: str, tmp_path: Path) -> None:
     earlier_run(tmp_path, results_csv="1", report_html="old")

@@ -1,5 +1,6 @@
 """Runs as a notebook uses them: arrays by name, units, checks, tables, pages, saving and loading."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import flexbeams as fb
+from flexbeams.scenarios.results.folder import ResultFolder
 from flexbeams.scenarios.runs.run_view import RunView
 from tests.helpers import PUSHED_SCENARIO
 from tests.native.workshop import needs_zig
@@ -113,6 +115,8 @@ def test_pandas_and_xarray(run: RunView) -> None:
         ({"coupling": "gauss"}, "coupling must be 'jacobi' or 'gauss-seidel', got 'gauss'"),
         ({"basis": "seg"}, "basis must be 'clamped_free' or 'segment', got 'seg'"),
         ({"backend": "c"}, "backend must be 'native' or 'python', got 'c'"),
+        ({"backend": np.array(["c", "d"])}, "backend must be 'native' or 'python', got array(['c', 'd'], dtype='<U1')"),
+        ({"decimate": True}, "decimate must be an integer >= 1, got True"),
         ({"stop_time": "3"}, "stop_time must be a number, got '3'"),
         ({"step": True}, "step must be a number, got True"),
         ({"decimate": 1.5}, "decimate must be an integer >= 1, got 1.5"),
@@ -173,6 +177,26 @@ def test_saved_and_loaded(run: RunView, tmp_path: Path) -> None:
         loaded.save(tmp_path / "taken")
     with pytest.raises(fb.FlexbeamsError, match=r"is not a folder of results: it has no summary\.json"):
         fb.load(tmp_path)
+
+
+def test_figures_of_a_loaded_run_are_noted_where_they_are_copied(
+    run: RunView, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not while they are being copied: a run that is killed meanwhile leaves another run's figures there."""
+    folder = run.save(tmp_path / "saved", report=False)
+    summary = json.loads((folder / "summary.json").read_bytes())
+    for name in ("a.png", "a.svg", "b.png"):
+        (folder / name).write_text(name)
+        summary["files"][name] = ""
+    summary["drawings"] = {"a": "1", "b": "2"}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    loaded = fb.load(folder)
+    for figures, noted in ((True, {"a": "1"}), (False, {})):
+        copy = loaded.save(tmp_path / f"copy {figures}", figures=figures)
+        assert json.loads((copy / "summary.json").read_bytes())["drawings"] == noted
+    monkeypatch.setattr(ResultFolder, "finish", lambda *_: None)  # killed before it ends
+    copy = loaded.save(tmp_path / "killed")
+    assert "drawings" not in json.loads((copy / "summary.json").read_bytes())
 
 
 def test_page_is_the_report_and_needs_nothing_from_outside(run: RunView, tmp_path: Path) -> None:

@@ -175,6 +175,7 @@ def test_refusals_leave_the_simulation_as_it_was(scenario: str) -> None:
             (lambda: sim.step(-1), "step must be an integer >= 0, got -1"),
             (lambda: sim.step(1.5), "step must be an integer >= 0, got 1.5"),
             (lambda: sim.step("3"), "step must be an integer >= 0, got '3'"),
+            (lambda: sim.step(True), "step must be an integer >= 0, got True"),
             (lambda: sim.restore(None), "snapshot must be one that snapshot() gave, or its bytes"),
             (lambda: sim.reset(seed="a"), "seed must be an integer >= 0, got 'a'"),
             (lambda: sim.__setitem__("plant.y_pi", 1.0), "plant.y_pi is not open: feedforward.y_target can be set"),

@@ -12,7 +12,7 @@
 typedef struct {
     TwoComplex growth; /* exp(l) - 1 */
     TwoComplex hold;   /* h phi1(l) */
-    TwoComplex ramp;   /* h phi2(l), 0 where it is not asked for */
+    TwoComplex ramp;   /* h phi2(l), meaningless where it is not asked for */
 } HoldFunctions;
 
 /* For two eigenvalues, 1/s, and their inverses, which do not matter where an eigenvalue is 0. To rounding for

@@ -99,12 +99,6 @@ static bool open_memory(Batch *batch)
            batch->scratch != NULL && memory != NULL;
 }
 
-/* z of pair p is in the slots slot(p) and slot(p) + MODAL_LANES. */
-static size_t slot_of_pair(size_t pair)
-{
-    return pair / MODAL_LANES * MODAL_BLOCK + pair % MODAL_LANES;
-}
-
 /* The filter's coordinates at x_ref of the first step; offsets, which have no reference, at 0. */
 static void start_filter(Batch *batch, const Modal *modal, double *scratch)
 {

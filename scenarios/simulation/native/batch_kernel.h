@@ -68,6 +68,12 @@ INLINE Lanes *voltages_of(const Batch *batch, int64_t number)
     return row_of(batch, number) + batch->sizes.output_rows;
 }
 
+/* z of a pair is in this slot of a Modal and in the one MODAL_LANES behind it. */
+INLINE size_t slot_of_pair(size_t pair)
+{
+    return pair / MODAL_LANES * MODAL_BLOCK + pair % MODAL_LANES;
+}
+
 /* Numbers of a pair of the filter's coordinates, and where those of an input and of a row of the law are. */
 INLINE size_t filter_stride(const LoopSizes *s)
 {

@@ -7,7 +7,7 @@ static size_t element_place(const LoopSizes *s, int64_t signal, size_t element)
     return element + (signal == BATCH_STRAINS ? s->points : signal == BATCH_VOLTAGES ? s->output_rows : 0);
 }
 
-static void start_figures(Lanes value, Lanes *figures)
+INLINE void start_figures(Lanes value, Lanes *figures)
 {
     figures[BATCH_SMALLEST] = figures[BATCH_LARGEST] = figures[BATCH_FIRST] = figures[BATCH_LAST] = value;
     figures[BATCH_CHANGE] = lanes_of(0.0);

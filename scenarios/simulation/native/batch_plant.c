@@ -8,11 +8,6 @@ static size_t first_output(const LoopSizes *s)
     return 2 + s->voltages;
 }
 
-static size_t slot_of_pair(size_t pair)
-{
-    return pair / MODAL_LANES * MODAL_BLOCK + pair % MODAL_LANES;
-}
-
 static size_t pair_lanes(const LoopSizes *s)
 {
     return first_output(s) + s->output_rows;
