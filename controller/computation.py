@@ -24,7 +24,7 @@ from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.errors import DesignError, InputError
 from flexbeams.plant.galerkin import BeamModel, beam_model
-from flexbeams.plant.statespace import state_matrices
+from flexbeams.plant.statespace import spectrum_of, state_matrices
 from flexbeams.plant.static_sensitivities import static_sensitivities
 from flexbeams.plant.structure import Structure
 
@@ -53,8 +53,9 @@ def compute(structure: Structure, options: DesignOptions) -> Design:
         **motion,
     }
     verification = verify_design(model, arrays, options, partial(_gains, reduced, offsets))
+    spectrum = spectrum_of(system)
     summary = {
-        **design_summary(model, system, reduced, options, arrays),
+        **design_summary(model, system, spectrum, reduced, options, arrays),
         **verification.figures(),
         **({"offsets": offsets.figures()} if offsets else {}),
         **reach.figures(),
@@ -64,7 +65,7 @@ def compute(structure: Structure, options: DesignOptions) -> Design:
             *structure_warnings(model, system),
             *reach.warnings(nearest=options.targets == "nearest"),
             *warnings,
-            *missing_mode_warnings(system, reduced, len(structure.beam)),
+            *missing_mode_warnings(spectrum.oscillating, reduced, len(structure.beam)),
             *verification.warnings(),
         ],
     }

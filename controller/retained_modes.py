@@ -3,21 +3,19 @@
 import numpy as np
 
 from flexbeams.controller.reduction import ReducedModel
-from flexbeams.plant.assembly import SecondOrderSystem
-from flexbeams.plant.statespace import state_matrices
+from flexbeams.plant.damped_modes import ComplexArray
 
 SAME = 0.01  # relative distance of eigenvalues within which the reduced model has a mode
 _NAMED = 3
 
 
-def missing_modes(system: SecondOrderSystem, reduced: ReducedModel, beams: int) -> list[tuple[int, float]]:
+def missing_modes(eigenvalues: ComplexArray, reduced: ReducedModel, beams: int) -> list[tuple[int, float]]:
     """Number, counted from 1, and frequency (rad/s) of the plant's slowest modes that the reduced model lacks.
 
-    The slowest modes are as many as beams: all that a model with one mode of each beam can keep.
+    `eigenvalues` (k,), 1/s, are those of the plant, of each pair one, the slowest first. The slowest modes are as many
+    as beams: all that a model with one mode of each beam can keep.
     """
-    values = np.linalg.eigvals(state_matrices(system)[0])
-    slowest = np.sort_complex(values[values.imag > 0])
-    slowest = slowest[np.argsort(np.abs(slowest))][:beams]
+    slowest = eigenvalues[:beams]
     kept = np.linalg.eigvals(reduced.A)
     return [
         (k, float(abs(value)))
@@ -26,9 +24,9 @@ def missing_modes(system: SecondOrderSystem, reduced: ReducedModel, beams: int) 
     ]
 
 
-def missing_mode_warnings(system: SecondOrderSystem, reduced: ReducedModel, beams: int) -> list[str]:
+def missing_mode_warnings(eigenvalues: ComplexArray, reduced: ReducedModel, beams: int) -> list[str]:
     """A line where slow modes are missing, with their names and what keeps them."""
-    missing = missing_modes(system, reduced, beams)
+    missing = missing_modes(eigenvalues, reduced, beams)
     if not missing:
         return []
     named = ", ".join(f"{k} at {frequency:.4g} rad/s" for k, frequency in missing[:_NAMED])

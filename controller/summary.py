@@ -11,21 +11,18 @@ from flexbeams.controller.reduction import ReducedModel
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.galerkin import BeamModel
-from flexbeams.plant.statespace import state_matrices, static_gains, undamped_frequencies
+from flexbeams.plant.statespace import Spectrum, static_gains
 
 
 def design_summary(
     model: BeamModel,
     system: SecondOrderSystem,
+    spectrum: Spectrum,
     reduced: ReducedModel,
     options: DesignOptions,
     arrays: dict[str, Array],
 ) -> dict[str, Any]:
     """Sizes, frequencies (rad/s), spectra (1/s), singular values and static gains (m/V, 1/V), in JSON's types."""
-    frequencies = undamped_frequencies(system)
-    modes = np.linalg.eigvals(state_matrices(system)[0]).astype(np.complex128)
-    oscillating = modes[modes.imag > 0]
-    oscillating = oscillating[np.argsort(np.abs(oscillating))]
     full_pi, full_pm = static_gains(model, system)
     reduced_pi, reduced_pm = reduced.static_gain()
     step, A_d, B_d = options.sample_time, arrays["A_d"], arrays["B_d"]
@@ -39,10 +36,10 @@ def design_summary(
         "order": model.order,
         "full_order": 2 * model.size,
         "reduced_order": len(reduced.A),
-        "frequencies": frequencies.tolist(),
-        "damping_ratios": _damping_ratios(frequencies, oscillating),
-        "damped_eigenvalues": [[float(v.real), float(v.imag)] for v in oscillating],
-        "real_eigenvalues": sorted((float(v.real) for v in modes[modes.imag == 0]), reverse=True),
+        "frequencies": spectrum.frequencies.tolist(),
+        "damping_ratios": _damping_ratios(spectrum.frequencies, spectrum.oscillating),
+        "damped_eigenvalues": [[float(v.real), float(v.imag)] for v in spectrum.oscillating],
+        "real_eigenvalues": spectrum.real.tolist(),
         "hankel_position": reduced.hankel_position.tolist(),
         "hankel_velocity": reduced.hankel_velocity.tolist(),
         "hankel_share": reduced.hankel_share,

@@ -1,11 +1,14 @@
 """First-order form, natural frequencies, static gains and frequency responses of the second-order system."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import bandwidth, cho_factor, cho_solve, cholesky, solve_banded, solve_triangular, svdvals
+from scipy.linalg import bandwidth, cho_factor, cho_solve, cholesky, solve_banded, solve_triangular, svd, svdvals
 
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
+from flexbeams.plant.damped_modes import ComplexArray, damped_eigenvalues
 from flexbeams.plant.galerkin import BeamModel
 
 
@@ -27,6 +30,24 @@ def undamped_frequencies(system: SecondOrderSystem) -> Array:
     mass, stiffness = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
     frequencies: Array = svdvals(solve_triangular(mass, stiffness, lower=True))[::-1].copy()
     return frequencies
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spectrum:
+    """Eigenvalues of a system, the slowest first."""
+
+    frequencies: Array  # (n,), rad/s, without damping
+    oscillating: ComplexArray  # (k,), 1/s, of each pair the one with the positive imaginary part
+    real: Array  # (2 n - 2 k,), 1/s
+
+
+def spectrum_of(system: SecondOrderSystem) -> Spectrum:
+    """The spectrum with and without damping."""
+    mass, stiffness = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
+    left, frequencies, _ = svd(solve_triangular(mass, stiffness, lower=True))
+    shapes = solve_triangular(mass, left, lower=True, trans="T")
+    oscillating, real = damped_eigenvalues(frequencies, shapes.T @ system.D @ shapes)
+    return Spectrum(frequencies=frequencies[::-1].copy(), oscillating=oscillating, real=real)
 
 
 def static_gains(model: BeamModel, system: SecondOrderSystem) -> tuple[Array, Array]:

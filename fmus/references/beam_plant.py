@@ -1,4 +1,4 @@
-"""Reference results of BeamPlant, by the eigenvalues of its matrix where the kernels exponentiate matrices."""
+"""Reference results of BeamPlant, by damped modes that come from undamped ones, not by QR as in the kernels."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from flexbeams.controller.design import Design
 from flexbeams.fmus.references.experiments import Experiment, Series, alternating, jumps, names_of
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
+from flexbeams.plant.damped_modes import ComplexArray, damped_modes
 from flexbeams.plant.galerkin import BeamModel
 
 
@@ -66,29 +67,41 @@ def plant_response(
     """rows q at `time` (k,) s, (k, len(rows)): inputs (i, n_u + r) of voltages and forces hold from starts (i,) s on.
 
     x = (Omega eta, eta') of mass-normalised modes moves around its rest position x_s by the eigenvalues of its
-    matrix, x(t) = x(start) + W (exp(Lambda (t - start)) - 1) W^-1 (x(start) - x_s). At the first start it is at rest
-    under the voltages given (n_u,).
+    matrix, x(t) = x(start) + Re W (exp(Lambda (t - start)) - 1) z with Re W z = x(start) - x_s. At the first start it
+    is at rest under the voltages given (n_u,).
     """
-    from scipy.linalg import cholesky, solve_triangular, svd  # only units that are built need it
+    from scipy.linalg import cholesky, lu_factor, lu_solve, solve_triangular, svd  # only units that are built need it
 
     n, n_u = system.L.shape
     R_M, R_K = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
     U, omega, Vt = svd(solve_triangular(R_M, R_K, lower=True))  # q = R_K^-T V (Omega eta)
     shapes = solve_triangular(R_M, U, lower=True, trans="T")  # q' = R_M^-T U eta'
-    A = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -shapes.T @ system.D @ shapes]])
-    eigenvalues, W = np.linalg.eig(A)
+    eigenvalues, W = _eigenvectors(omega, shapes.T @ system.D @ shapes)
+    pairs = np.flatnonzero(eigenvalues.imag)
+    factors = lu_factor(np.hstack([W.real, -W[:, pairs].imag]))
     outputs = rows @ solve_triangular(R_K, Vt.T, lower=True, trans="T")
     rest = Vt @ solve_triangular(R_K, np.hstack([system.L, system.F]), lower=True)
-    x = np.zeros(2 * n)
+    x, z = np.zeros(2 * n), np.zeros(len(eigenvalues), dtype=np.complex128)
     if at_rest_under is not None:
         x[:n] = rest[:, :n_u] @ at_rest_under
     y = np.zeros((len(time), len(rows)))
     for start, end, held in zip(starts, [*starts[1:], np.inf], inputs, strict=True):
         x_s = np.concatenate([rest @ held, np.zeros(n)])
-        z = np.linalg.solve(W, x - x_s)
+        coordinates = lu_solve(factors, x - x_s)
+        z.real, z.imag[pairs] = np.split(coordinates, [len(z)])
         here = (time >= start) & (time < end)
         moved = np.expm1(np.outer(time[here] - start, eigenvalues)) * z
         y[here] = outputs @ x[:n] + (moved @ (outputs @ W[:n]).T).real
         if end < np.inf:
             x = x + (W @ (np.expm1(eigenvalues * (end - start)) * z)).real
     return y
+
+
+def _eigenvectors(omega: Array, damping: Array) -> tuple[ComplexArray, ComplexArray]:
+    """Of [[0, diag(omega)], [-diag(omega), -damping]]: eigenvalues (m,), one of each pair, and vectors (2 n, m)."""
+    if modes := damped_modes(omega, damping):
+        return modes.eigenvalues, np.vstack([omega[:, None] * modes.shapes, modes.eigenvalues * modes.shapes]) / omega
+    rates = np.diag(omega)
+    values, vectors = np.linalg.eig(np.block([[np.zeros_like(rates), rates], [-rates, -damping]]))
+    one_of_each = values.imag >= 0
+    return values[one_of_each].astype(np.complex128), vectors[:, one_of_each].astype(np.complex128)
