@@ -75,6 +75,8 @@ def _table(name: str, table: Table) -> str:
     values = np.asarray(table.values)
     if values.dtype == np.uint8:
         return c_array(f"unsigned char {name}[]", table.comment, [str(v) for v in values.tolist()], 24)
+    if values.dtype == np.uint32:
+        return c_array(f"unsigned {name}[]", table.comment, [str(v) for v in values.tolist()], 16)
     if not np.isfinite(values).all():
         raise BuildError(f"{name} must be finite")
     comment = table.comment + (f"; in panels of {PANEL} rows" if table.in_panels else "")

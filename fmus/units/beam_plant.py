@@ -10,21 +10,12 @@ from flexbeams.fmus.documents.chapter import PAPER, Chapter
 from flexbeams.fmus.interface.variables import TIME, Interface, Variable, array
 from flexbeams.fmus.references.beam_plant import plant_experiments
 from flexbeams.fmus.units.kind import STOP_TIME, UnitKind, design_id_variable
-from flexbeams.fmus.units.native_kernel import (
-    NATIVE,
-    Fields,
-    NativeKernel,
-    Records,
-    Table,
-    UnitData,
-    first_references,
-)
+from flexbeams.fmus.units.native_kernel import NATIVE, NativeKernel, UnitData
+from flexbeams.fmus.units.plant_tables import native_data
 from flexbeams.fmus.units.ranges import Range, force_range, voltage_range
 from flexbeams.plant.galerkin import STATIONS, BeamModel
 from flexbeams.plant.parameters import PARAMETERS, in_unit_order
 from flexbeams.plant.structure import Structure
-
-_MATRICES = {"M": "MASS", "D": "DAMPING", "K": "STIFFNESS", "L": "INPUT_GAIN"}  # in C
 
 
 def declare(design: Design, model: BeamModel) -> Interface:
@@ -180,63 +171,6 @@ def unit_data(interface: Interface, design: Design, model: BeamModel) -> UnitDat
             "may_vanish": [name for name, entry in parameters.items() if entry.may_vanish],
         },
     )
-
-
-def native_data(interface: Interface, data: UnitData) -> Fields:
-    """The fields of BeamPlantData."""
-    meta, arrays = data.meta, data.arrays
-    n, beams = int(meta["size"]), len(arrays["tips"])
-    points, gauges, stations = (len(interface.references(name)) for name in ("y_pi", "y_pm", "w"))
-    terms = _native_terms(data)
-    parameters = [
-        {"reference": reference, "may_vanish": name in meta["may_vanish"]}
-        for name, reference in meta["parameters"].items()
-    ]
-    return {
-        "coordinates": n,
-        "patches": len(interface.references("u")),
-        "beams": beams,
-        "points": points,
-        "gauges": gauges,
-        "stations": stations,
-        "parameter_count": len(parameters),
-        "term_count": len(terms),
-        **first_references(
-            interface, "u", "force", "y_pi", "energy", "start_at_rest_under", "strain_noise_std", "noise_seed"
-        ),
-        "parameters": Records(
-            type="PlantParameter", rows=parameters, comment="the physical parameters, by value reference"
-        ),
-        "terms": Records(
-            type="PlantTerm", rows=terms, comment="what each parameter adds to the matrices of M q'' + D q' + K q = L u"
-        ),
-        "blocks": Table(
-            values=np.concatenate([arrays[f"term_{k}"].ravel() for k in range(len(terms))]),
-            comment="the blocks of the terms one after the other, each row by row, for a parameter of 1 in SI units",
-        ),
-        "tips": Table(values=arrays["tips"], comment=f"deflection of each tip per coordinate, ({beams}, {n}), 1"),
-        "outputs": Table(
-            values=arrays["outputs"],
-            comment=f"per coordinate, ({points + gauges + stations}, {n}): deflections y_pi, 1, strains y_pm, 1/m, "
-            "deflections w of the stations, 1",
-        ),
-    }
-
-
-def _native_terms(data: UnitData) -> list[Fields]:
-    blocks = [data.arrays[f"term_{k}"] for k in range(len(data.meta["terms"]))]
-    first = np.cumsum([0, *(block.size for block in blocks)]).tolist()
-    return [
-        {
-            "parameter": data.meta["parameters"][name],
-            "matrix": _MATRICES[matrix],
-            "start": start,
-            "column": column,
-            "size": len(block),
-            "block": index,
-        }
-        for (name, matrix, start, column), block, index in zip(data.meta["terms"], blocks, first[:-1], strict=True)
-    ]
 
 
 BEAM_PLANT = UnitKind(

@@ -30,7 +30,7 @@ class UnitData:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A constant array of numbers, `const double *` or, of uint8, `const unsigned char *`.
+    """A constant array of numbers, `const double *`, of uint32 `const unsigned *`, of uint8 `const unsigned char *`.
 
     `comment` gives meaning, shape and unit. `decimals` are matrices, by title, that the comment repeats as decimals.
     """

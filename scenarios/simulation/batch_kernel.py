@@ -65,9 +65,7 @@ class _Plant(ctypes.Structure):
         ("parameters", _POINTER),
         ("term_count", _INTEGER),
         ("terms", _POINTER),
-        ("blocks", _POINTER),
-        ("tips", _POINTER),
-        ("outputs", _POINTER),
+        *((name, _POINTER) for name in ("rows", "blocks", "starts", "columns", "values")),
         ("start_at_rest_under", _INTEGER),
         ("strain_noise_std", _INTEGER),
         ("noise_seed", _INTEGER),
@@ -105,7 +103,7 @@ class _Task(ctypes.Structure):
 
 @dataclass(frozen=True, kw_only=True)
 class BatchTask:
-    """A loop of plant and controller as the library takes it; arrays row by row, integers of 64 bits."""
+    """A loop of plant and controller as the library takes it; arrays row by row."""
 
     plant: Mapping[str, Any]  # fields of BatchPlant in batch.h but counts
     controller: Mapping[str, Any]  # fields of BatchController
@@ -168,7 +166,8 @@ class Batch:
                 parameters=self._integers(plant["parameters"]),
                 term_count=len(plant["terms"]),
                 terms=self._integers(plant["terms"]),
-                **{name: self._reals(plant[name]) for name in ("blocks", "tips", "outputs")},
+                **{name: self._reals(plant[name]) for name in ("blocks", "values")},
+                **{name: self._numbers(plant[name]) for name in ("rows", "starts", "columns")},
             ),
             controller=_Controller(
                 **{name: controller[name] for name in ("states", "reduced_states", "integral_gain", "strain_limit")},
@@ -192,6 +191,9 @@ class Batch:
 
     def _integers(self, values: Any) -> int:
         return self._kept_address(np.ascontiguousarray(values, dtype=np.int64))
+
+    def _numbers(self, values: Any) -> int:
+        return self._kept_address(np.ascontiguousarray(values, dtype=np.uint32))
 
     def _kept_address(self, array: NDArray[Any]) -> int:
         self._kept.append(array)

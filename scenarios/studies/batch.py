@@ -201,14 +201,24 @@ def _plant(interface: Interface, fields: Mapping[str, Any]) -> dict[str, Any]:
         "parameters": np.array([[r["reference"], int(r["may_vanish"])] for r in fields["parameters"].rows]),
         "terms": np.array(
             [
-                [r["parameter"], matrices[r["matrix"]], r["start"], r["column"], r["size"], r["block"]]
+                [r["parameter"], matrices[r["matrix"]], r["column"], r["size"], r["rows"], r["block"]]
                 for r in fields["terms"].rows
             ]
         ),
-        "blocks": np.asarray(fields["blocks"].values),
-        "tips": np.asarray(fields["tips"].values),
-        "outputs": np.asarray(fields["outputs"].values)[: points + gauges],
+        "rows": fields["rows"].values,
+        "blocks": fields["blocks"].values,
+        **_without_stations(fields["outputs"], points + gauges, int(fields["beams"])),
         **{name: int(fields[name]) for name in ("start_at_rest_under", "strain_noise_std", "noise_seed")},
+    }
+
+
+def _without_stations(outputs: Mapping[str, Any], first: int, beams: int) -> dict[str, Any]:
+    """The first rows of SparseRows and those of the tips, which are the last."""
+    starts = np.asarray(outputs["starts"].values, dtype=np.int64)
+    left_out = slice(starts[first], starts[-1 - beams])
+    return {
+        "starts": np.concatenate([starts[: first + 1], starts[-beams:] - (left_out.stop - left_out.start)]),
+        **{name: np.delete(outputs[name].values, left_out) for name in ("columns", "values")},
     }
 
 

@@ -12,16 +12,23 @@ typedef struct {
 
 typedef enum { MASS, DAMPING, STIFFNESS, INPUT_GAIN } PlantMatrix;
 
-/* parameter x block, added to a matrix at rows (and columns) from `start` on; the input gain has one column for each
-   patch pair. */
+/* parameter x block, added to some rows of a matrix and to the columns of the same numbers; of the input gain, which
+   has a column for each patch pair, to one column. */
 typedef struct {
     unsigned parameter; /* value reference */
     PlantMatrix matrix;
-    size_t start;
     size_t column;
     size_t size;
+    size_t rows;  /* index in `rows` of the (size,) numbers of the rows */
     size_t block; /* index in `blocks` of the (size, size) block, of the input gain's (size, 1) block */
 } PlantTerm;
+
+/* Rows of which most entries are 0: row i has the `values` from starts[i] to starts[i + 1] in their `columns`. */
+typedef struct {
+    const unsigned *starts;
+    const unsigned *columns;
+    const double *values;
+} SparseRows;
 
 typedef struct {
     size_t coordinates; /* n */
@@ -42,9 +49,9 @@ typedef struct {
     unsigned noise_seed;
     const PlantParameter *parameters; /* (parameter_count,) */
     const PlantTerm *terms;           /* (term_count,) */
+    const unsigned *rows;
     const double *blocks;
-    const double *tips;    /* (beams, n): deflection of each tip */
-    const double *outputs; /* (points + gauges + stations, n): y_pi, y_pm and w of q */
+    SparseRows outputs; /* (points + gauges + stations + beams, n): y_pi, y_pm, w and the tips' deflections */
 } BeamPlantData;
 
 INTERNAL const UnitHooks beam_plant_hooks;

@@ -66,15 +66,16 @@ static void assemble(const UnitInstance *unit, const Assembly *to)
     for (size_t k = 0; k < plant->term_count; k++) {
         const PlantTerm *const term = &plant->terms[k];
         const double value = unit->values[term->parameter];
+        const unsigned *const rows = plant->rows + term->rows;
         const double *block = plant->blocks + term->block;
-        for (size_t i = term->start; i < term->start + term->size; i++) {
+        for (size_t i = 0; i < term->size; i++) {
             if (term->matrix == INPUT_GAIN) {
-                to->L[i * plant->patches + term->column] += value * *block++;
+                to->L[rows[i] * plant->patches + term->column] += value * *block++;
                 continue;
             }
-            double *const row = matrices[term->matrix] + i * n;
-            for (size_t j = term->start; j < term->start + term->size; j++)
-                row[j] += value * *block++;
+            double *const row = matrices[term->matrix] + rows[i] * n;
+            for (size_t j = 0; j < term->size; j++)
+                row[rows[j]] += value * *block++;
         }
     }
 }
@@ -105,12 +106,14 @@ static void compute_inputs(const BeamPlantData *plant, const Assembly *from, dou
 {
     const size_t n = plant->coordinates;
     const size_t m = input_count(plant);
-    memset(B, 0, n * m * sizeof *B);
-    for (size_t i = 0; i < n; i++) {
-        double *const row = B + (n + i) * m;
-        memcpy(row, from->L + i * plant->patches, plant->patches * sizeof *row);
-        for (size_t j = 0; j < plant->beams; j++)
-            row[plant->patches + j] = plant->tips[j * n + i];
+    const SparseRows *const outputs = &plant->outputs;
+    memset(B, 0, 2 * n * m * sizeof *B);
+    for (size_t i = 0; i < n; i++)
+        memcpy(B + (n + i) * m, from->L + i * plant->patches, plant->patches * sizeof *B);
+    for (size_t j = 0; j < plant->beams; j++) {
+        const size_t tip = row_count(plant) + j;
+        for (size_t k = outputs->starts[tip]; k < outputs->starts[tip + 1]; k++)
+            B[(n + outputs->columns[k]) * m + plant->patches + j] = outputs->values[k];
     }
     solve_lower(n, m, from->R_M, B + n * m);
     memcpy(rest, from->L, n * plant->patches * sizeof *rest);
@@ -124,9 +127,13 @@ static void compute_outputs(const BeamPlantData *plant, const Assembly *from, co
     const size_t n = plant->coordinates;
     const size_t each_step = plant->points + plant->gauges;
     const size_t count = row_count(plant);
+    const SparseRows *const outputs = &plant->outputs;
     double *const transposed = from->rows;
     double *const rows = transposed + n * count;
-    transpose(count, n, plant->outputs, transposed);
+    memset(transposed, 0, n * count * sizeof *transposed);
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = outputs->starts[i]; k < outputs->starts[i + 1]; k++)
+            transposed[outputs->columns[k] * count + i] = outputs->values[k];
     solve_lower(n, count, from->R_K, transposed);
     transpose(n, count, transposed, rows);
     memset(to->C, 0, 2 * n * each_step * sizeof *to->C);
@@ -150,14 +157,15 @@ void differentiate_rest(const UnitInstance *unit, const PlantMatrices *matrices,
     for (size_t k = 0; k < plant->term_count; k++) {
         const PlantTerm *const term = &plant->terms[k];
         const double change = unit->changes[term->parameter];
+        const unsigned *const rows = plant->rows + term->rows;
         const double *block = plant->blocks + term->block;
         if (term->matrix == INPUT_GAIN)
-            for (size_t i = term->start; i < term->start + term->size; i++)
-                load[i] += change * *block++ * u[term->column];
+            for (size_t i = 0; i < term->size; i++)
+                load[rows[i]] += change * *block++ * u[term->column];
         if (term->matrix == STIFFNESS)
-            for (size_t i = term->start; i < term->start + term->size; i++)
-                for (size_t j = term->start; j < term->start + term->size; j++)
-                    load[i] -= change * *block++ * q[j];
+            for (size_t i = 0; i < term->size; i++)
+                for (size_t j = 0; j < term->size; j++)
+                    load[rows[i]] -= change * *block++ * q[rows[j]];
     }
     solve_lower(n, 1, from.R_K, load);
     multiply_matrices(plant->points + plant->gauges, n, 1, from.rows + n * row_count(plant), load, y);

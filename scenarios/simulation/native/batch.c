@@ -37,9 +37,9 @@ static bool open_plant(Batch *batch)
         .term_count = (size_t)from->term_count,
         .parameters = parameters,
         .terms = terms,
+        .rows = from->rows,
         .blocks = from->blocks,
-        .tips = from->tips,
-        .outputs = from->outputs,
+        .outputs = {.starts = from->starts, .columns = from->columns, .values = from->values},
     };
     if (parameters == NULL || terms == NULL || batch->variables == NULL)
         return false;
@@ -50,9 +50,9 @@ static bool open_plant(Batch *batch)
         const int64_t *const row = from->terms + BATCH_TERM * k;
         terms[k] = (PlantTerm){.parameter = (unsigned)row[0],
                                .matrix = (PlantMatrix)row[1],
-                               .start = (size_t)row[2],
-                               .column = (size_t)row[3],
-                               .size = (size_t)row[4],
+                               .column = (size_t)row[2],
+                               .size = (size_t)row[3],
+                               .rows = (size_t)row[4],
                                .block = (size_t)row[5]};
     }
     return true;

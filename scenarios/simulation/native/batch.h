@@ -33,10 +33,12 @@ typedef struct {
     int64_t parameter_count;
     const int64_t *parameters; /* (parameter_count, 2): value reference, may it vanish */
     int64_t term_count;
-    const int64_t *terms; /* (term_count, 6): parameter, matrix, start, column, size, block */
+    const int64_t *terms; /* (term_count, 6): parameter, matrix, column, size, rows, block */
+    const unsigned *rows;
     const double *blocks;
-    const double *tips;          /* (beams, coordinates) */
-    const double *outputs;       /* (points + gauges, coordinates) */
+    const unsigned *starts; /* of the SparseRows of the outputs, (points + gauges + beams, coordinates) */
+    const unsigned *columns;
+    const double *values;
     int64_t start_at_rest_under; /* value references */
     int64_t strain_noise_std;
     int64_t noise_seed;
