@@ -31,7 +31,12 @@ SOURCES = (
             "batch_kernel.c",
             "batch_plant.c",
             "batch_controller.c",
+            "batch_filter.c",
             "batch_measures.c",
+            "batch_modes.c",
+            "batch_setup.c",
+            "undamped_modes.c",
+            "damped_modes.c",
             "processor_level.c",
         )
     ),

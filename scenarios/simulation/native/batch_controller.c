@@ -8,8 +8,8 @@
 void start_controller(Batch *batch, Lanes *u)
 {
     const LoopSizes *const s = &batch->sizes;
-    for (size_t pair = 0; pair < s->filter_pairs; pair++)
-        batch->at.filter_z[pair] = pairs_of(batch->start + 2 * pair);
+    for (size_t k = 0; k < PARTS * s->filter_pairs; k++)
+        batch->at.filter_z[k] = part_of(batch->start[k % s->filter_pairs]);
     for (size_t i = 0; i < s->voltages; i++) {
         const double wanted = batch->task->u_ff[i];
         const double lowest = batch->task->controller.lowest[i];
@@ -19,17 +19,34 @@ void start_controller(Batch *batch, Lanes *u)
     }
 }
 
-INLINE void grow_filter(size_t inputs, const Batch *batch, PairLanes *restrict z, const PairLanes *restrict input)
+/* Parts that are taken at once, as all need the same numbers. */
+#define ABREAST (PARTS < 2 ? PARTS : 2)
+
+INLINE void grow_filter(size_t inputs, const Batch *batch, const Part *input)
 {
     const LoopSizes *const s = &batch->sizes;
-    const double *restrict row = batch->filter;
-    for (size_t pair = 0; pair < s->filter_pairs; pair++, row += filter_stride(s)) {
-        PairLanes growth = pairs_multiply(pairs_of(row), z[pair]);
-        growth = pairs_add_product(growth, pairs_of(row + 2), pairs_exchanged(z[pair]));
-        PairLanes driven = pairs_multiply(pairs_of(row + filter_input(0)), input[0]);
-        for (size_t j = 1; j < inputs; j++)
-            driven = pairs_add_product(driven, pairs_of(row + filter_input(j)), input[j]);
-        z[pair] = pairs_add(growth, driven);
+    for (size_t part = 0; part < PARTS; part += ABREAST, input += ABREAST) {
+        const Couple *filter = batch->filter;
+        for (size_t pair = 0; pair < s->filter_pairs; pair += TILE, filter += filter_stride(s) * TILE) {
+            const Couple *const columns = filter + 2 * TILE;
+            Part *const z = batch->at.filter_z + part * s->filter_pairs + pair;
+            Part driven[ABREAST][TILE];
+            for (size_t j = 0; j < inputs; j++)
+                for (size_t q = 0; q < TILE; q++) {
+                    const Part column = part_of(columns[j * TILE + q]);
+                    for (size_t p = 0; p < ABREAST; p++) {
+                        const Part product = part_multiply(column, input[j * PARTS + p]);
+                        driven[p][q] = j == 0 ? product : part_add(driven[p][q], product);
+                    }
+                }
+            for (size_t q = 0; q < TILE; q++)
+                for (size_t p = 0; p < ABREAST; p++) {
+                    Part *const own = z + p * s->filter_pairs + q;
+                    const Part growth = part_multiply(part_of(filter[q]), *own);
+                    *own = part_add(part_add_product(growth, part_of(filter[TILE + q]), part_exchanged(*own)),
+                                    driven[p][q]);
+                }
+        }
     }
 }
 
@@ -37,24 +54,35 @@ INLINE void grow_filter(size_t inputs, const Batch *batch, PairLanes *restrict z
 INLINE void sum_law(size_t width, const Batch *batch, size_t first)
 {
     const LoopSizes *const s = &batch->sizes;
-    const double *row = batch->filter + filter_law(s, first);
-    PairLanes sum[COUNTS];
-    for (size_t i = 0; i < width; i++)
-        sum[i] = NO_PAIRS;
-    for (size_t pair = 0; pair < s->filter_pairs; pair++, row += filter_stride(s))
+    for (size_t part = 0; part < PARTS; part += ABREAST) {
+        const Part *z = batch->at.filter_z + part * s->filter_pairs;
+        const Couple *rows = batch->filter + (2 + s->filter_inputs + first) * TILE;
+        Part sums[COUNTS][ABREAST];
         for (size_t i = 0; i < width; i++)
-            sum[i] = pairs_add_product(sum[i], pairs_of(row + 2 * i), batch->at.filter_z[pair]);
-    for (size_t i = 0; i < width; i++)
-        batch->at.law[first + i] = sums_of_pairs(sum[i]);
+            for (size_t p = 0; p < ABREAST; p++)
+                sums[i][p] = NO_PART;
+        for (size_t pair = 0; pair < s->filter_pairs; pair += TILE, rows += filter_stride(s) * TILE, z += TILE)
+            for (size_t q = 0; q < TILE; q++)
+                for (size_t i = 0; i < width; i++) {
+                    const Part row = part_of(rows[i * TILE + q]);
+                    for (size_t p = 0; p < ABREAST; p++)
+                        sums[i][p] = part_add_product(sums[i][p], row, z[p * s->filter_pairs + q]);
+                }
+        for (size_t i = 0; i < width; i++)
+            for (size_t p = 0; p < ABREAST; p++)
+                batch->at.sums[(first + i) * PARTS + part + p] = sums[i][p];
+    }
 }
 
-void step_filter(Batch *batch)
+void step_filter(Batch *batch, const Part *inputs)
 {
     const size_t rows = 2 * batch->sizes.voltages;
     const size_t width = chunk_width(rows);
-    AT_COUNT(batch->sizes.filter_inputs, grow_filter, batch, batch->at.filter_z, batch->at.inputs)
+    AT_COUNT(batch->sizes.filter_inputs, grow_filter, batch, inputs)
     for (size_t first = 0; first < rows; first += width)
         AT_COUNT(width, sum_law, batch, first)
+    for (size_t i = 0; i < rows; i++)
+        batch->at.law[i] = sum_couples(batch->at.sums + i * PARTS);
 }
 
 /* The growth of a lane's integrals, of which some would wind up. */
@@ -113,10 +141,12 @@ void regulate(Batch *batch, const double *reference, const Lanes *u, Lanes *next
         const Lanes under = lanes_choose(lanes_above(commanded, highest), highest, commanded);
         next[i] = lanes_choose(lanes_above(lowest, under), lowest, under);
     }
-    const Lanes is_winding = lanes_choose(winding, lanes_of(1.0), none);
-    for (size_t lane = 0; lane < LANES; lane++)
-        if (get_lane(&is_winding, lane) != 0.0)
-            unwind(batch, lane);
+    if (lanes_any(winding)) {
+        const Lanes is_winding = lanes_choose(winding, lanes_of(1.0), none);
+        for (size_t lane = 0; lane < LANES; lane++)
+            if (get_lane(&is_winding, lane) != 0.0)
+                unwind(batch, lane);
+    }
     for (size_t i = 0; i < s->voltages; i++)
         batch->at.integral[i] = lanes_add(batch->at.integral[i], growth[i]);
 }

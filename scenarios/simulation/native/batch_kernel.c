@@ -39,22 +39,61 @@ static bool is_any_noisy(const Batch *batch, const double *values)
     return false;
 }
 
-/* From step `number` to the next. */
-static void step(Batch *batch, int64_t number)
+/* Where the inputs of the controller's next tick but `later` are. */
+static Part *inputs_of(const Batch *batch, size_t later)
+{
+    return batch->at.inputs + later * batch->sizes.filter_inputs * PARTS;
+}
+
+/* The tick at step `number`, which gives the voltages of the next one. */
+static void tick(Batch *batch, int64_t number, size_t later)
 {
     const LoopSizes *const s = &batch->sizes;
     const Lanes *const y = row_of(batch, number);
     const Lanes *const u = voltages_of(batch, number);
+    Part *const inputs = inputs_of(batch, later);
     for (size_t i = 0; i < s->voltages; i++)
-        batch->at.inputs[i] = pairs_of_lanes(u[i]);
+        spread_lanes(u[i], inputs + i * PARTS);
     for (size_t k = 0; k < s->gauges; k++)
-        batch->at.inputs[s->voltages + k] = pairs_of_lanes(y[s->points + k]);
-    step_plant(batch);
-    if (s->beams > 0 && is_any_nonzero(s->beams, batch->task->force + (size_t)number * s->beams))
-        push_plant(batch, batch->task->force + (size_t)number * s->beams);
-    write_outputs(batch, row_of(batch, number + 1));
-    step_filter(batch);
+        spread_lanes(y[s->points + k], inputs + (s->voltages + k) * PARTS);
+    step_filter(batch, inputs);
     regulate(batch, batch->references + (size_t)number * 2 * s->voltages, u, voltages_of(batch, number + 1));
+}
+
+static bool is_pushed(const Batch *batch, int64_t number)
+{
+    const size_t beams = batch->sizes.beams;
+    return beams > 0 && is_any_nonzero(beams, batch->task->force + (size_t)number * beams);
+}
+
+/* From step `number` to the next. */
+static void step(Batch *batch, int64_t number, const double *noisy)
+{
+    tick(batch, number, 0);
+    step_plant(batch);
+    if (is_pushed(batch, number))
+        push_plant(batch, batch->task->force + (size_t)number * batch->sizes.beams);
+    write_outputs(batch, row_of(batch, number + 1));
+    if (noisy != NULL)
+        add_noise(batch, number + 1, noisy);
+}
+
+/* From step `number` to the next but one: the plant's data are read once for both. The voltages of the next step follow
+   from what is known at this one. */
+static void step_twice(Batch *batch, int64_t number, const double *noisy)
+{
+    const LoopSizes *const s = &batch->sizes;
+    tick(batch, number, 0);
+    const Lanes *const u = voltages_of(batch, number + 1);
+    for (size_t i = 0; i < s->voltages; i++)
+        spread_lanes(u[i], inputs_of(batch, 1) + i * PARTS);
+    step_plant_twice(batch);
+    write_outputs_twice(batch, row_of(batch, number + 1), row_of(batch, number + 2));
+    if (noisy != NULL)
+        add_noise(batch, number + 1, noisy);
+    tick(batch, number + 1, 1);
+    if (noisy != NULL)
+        add_noise(batch, number + 2, noisy);
 }
 
 /* Does the loop cover a lane's run? Its strains were within the limit, and its last values are finite. */
@@ -71,18 +110,26 @@ static bool is_covered(const Batch *batch, size_t lane)
 void run_group(Batch *batch, const double *values, int32_t outcomes[LANES])
 {
     const int64_t steps = batch->task->steps;
-    const bool noisy = is_any_noisy(batch, values);
+    const double *const noisy = is_any_noisy(batch, values) ? values : NULL;
     *batch->at.strain = lanes_of(0.0);
     start_controller(batch, voltages_of(batch, 0));
     write_outputs(batch, row_of(batch, 0));
-    for (int64_t number = 0; number <= steps; number++) {
-        if (noisy)
-            add_noise(batch, number, values);
-        if (number % ROWS == ROWS - 1 || number == steps)
-            measure(batch, number - number % ROWS, number);
-        if (number < steps)
-            step(batch, number);
+    if (noisy != NULL)
+        add_noise(batch, 0, noisy);
+    int64_t measured = 0;
+    for (int64_t number = 0; number < steps;) {
+        if (number + 2 - measured >= ROWS) { /* the next two rows have no room beside those to be measured */
+            measure(batch, measured, number);
+            measured = number + 1;
+        }
+        const bool twice = number + 2 <= steps && !is_pushed(batch, number) && !is_pushed(batch, number + 1);
+        if (twice)
+            step_twice(batch, number, noisy);
+        else
+            step(batch, number, noisy);
+        number += twice ? 2 : 1;
     }
+    measure(batch, measured, steps);
     for (size_t lane = 0; lane < LANES; lane++)
         if (!is_covered(batch, lane))
             outcomes[lane] = BATCH_OUTSIDE;

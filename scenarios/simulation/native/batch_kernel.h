@@ -7,11 +7,13 @@
 #include <stdint.h>
 
 #include "batch.h"
+#include "batch_modes.h"
 #include "beam_plant.h"
 #include "lanes.h"
 #include "modal.h"
 
 #define ROWS 8 /* that are measured at once */
+#define TILE 5 /* pairs of coordinates that are grown at once */
 
 typedef struct {
     size_t voltages;
@@ -20,26 +22,30 @@ typedef struct {
     size_t gauges;
     size_t outputs;     /* points, then gauges */
     size_t output_rows; /* padded to whole chunks */
-    size_t plant_pairs;
+    size_t plant_pairs; /* of coordinates, padded to whole tiles, as are those of the filter */
     size_t filter_pairs;
+    size_t filter_states; /* an odd number of states gets one more, which stays 0 */
     size_t filter_inputs; /* voltages, then gauges */
     size_t law_rows;      /* 2 voltages, padded */
 } LoopSizes;
 
-/* What differs from lane to lane. What a step takes of it fits into a first-level cache of 48 kB, that of a pair of the
-   plant's coordinates follows one another. */
+/* What differs from lane to lane. Part by part: what a step takes of a part's plant fits into a first-level cache. */
 typedef struct {
-    PairLanes *plant; /* of each pair: growth by itself, by the other one, inputs (voltages,), outputs (output_rows,) */
-    PairLanes *force; /* (pairs, beams): inputs of forces */
-    PairLanes *z;     /* (plant_pairs,) */
-    PairLanes *filter_z; /* (filter_pairs,) */
-    PairLanes *inputs;   /* (filter_inputs,) */
-    Lanes *rows;         /* (ROWS, output_rows + voltages): y and u of the last steps */
-    Lanes *law;          /* (law_rows,) */
-    Lanes *integral;     /* (voltages,) */
-    Lanes *growth;       /* (voltages,), of the integral */
-    Lanes *figures;      /* (measures, BATCH_FIGURES) */
-    Lanes *strain;       /* the largest so far */
+    Part *plant; /* (PARTS, plant_pairs, plant_stride) in tiles: growth by itself, by the other one, inputs (voltages,),
+                    outputs (output_rows,) */
+    Part *force; /* (PARTS, plant_pairs, beams): inputs of forces */
+    Part *z;     /* (PARTS, plant_pairs) */
+    Part *halfway;   /* (PARTS, plant_pairs): z between two steps that are taken at once */
+    Part *driven;    /* (2, plant_pairs): what the voltages add to z in either of these */
+    Part *filter_z;  /* (PARTS, filter_pairs) */
+    Part *inputs;    /* (2, filter_inputs, PARTS): of this step and of the next one */
+    Part *sums;      /* (2, output_rows or law_rows, PARTS) */
+    Lanes *rows;     /* (ROWS, output_rows + voltages): y and u of the last steps */
+    Lanes *law;      /* (law_rows,) */
+    Lanes *integral; /* (voltages,) */
+    Lanes *growth;   /* (voltages,), of the integral */
+    Lanes *figures;  /* (measures, BATCH_FIGURES) */
+    Lanes *strain;   /* the largest so far */
 } LoopLanes;
 
 struct Batch {
@@ -48,12 +54,13 @@ struct Batch {
     Variable *variables;
     LoopSizes sizes;
     LoopLanes at;
-    double *filter; /* of each pair filter_stride numbers two by two: growth by itself, by the other, inputs, law */
-    const double *direct; /* G_0^+ D_pi (voltages, voltages), behind the pairs */
-    double *start;        /* (2 filter_pairs,): the filter at x_ref of the first step */
-    double *windup;       /* (5 + voltages, voltages): a lane's commands, growth and limits, scratch of hold_windup */
-    double *references;   /* (steps + 1, 2 voltages) */
+    Couple *filter;     /* of each pair: growth by itself, by the other one, inputs (filter_inputs,), law (law_rows,) */
+    Couple *start;      /* (filter_pairs,): the filter at x_ref of the first step */
+    double *direct;     /* (voltages, voltages): G_0^+ D_pi */
+    double *windup;     /* (5 + voltages, voltages): a lane's commands, growth and limits, scratch of hold_windup */
+    double *references; /* (steps + 1, 2 voltages) */
     double *scratch;
+    double *modes; /* of batch_modes.c */
     void *raw_lanes;
 };
 
@@ -68,33 +75,31 @@ INLINE Lanes *voltages_of(const Batch *batch, int64_t number)
     return row_of(batch, number) + batch->sizes.output_rows;
 }
 
-/* z of a pair is in this slot of a Modal and in the one MODAL_LANES behind it. */
-INLINE size_t slot_of_pair(size_t pair)
-{
-    return pair / MODAL_LANES * MODAL_BLOCK + pair % MODAL_LANES;
-}
-
-/* Numbers of a pair of the filter's coordinates, and where those of an input and of a row of the law are. */
+/* Numbers of a pair of the filter. */
 INLINE size_t filter_stride(const LoopSizes *s)
 {
-    return 2 * (2 + s->filter_inputs + s->law_rows);
+    return 2 + s->filter_inputs + s->law_rows;
 }
 
-INLINE size_t filter_input(size_t number)
+/* Where a number of a pair is. Those of a tile's pairs stand side by side: sums of a pair wait for one another, those
+   of a tile's pairs do not. */
+INLINE size_t tile_place(size_t stride, size_t pair, size_t number)
 {
-    return 2 * (2 + number);
-}
-
-INLINE size_t filter_law(const LoopSizes *s, size_t row)
-{
-    return filter_input(s->filter_inputs) + 2 * row;
+    return (pair / TILE * stride + number) * TILE + pair % TILE;
 }
 
 /* Rows padded to whole chunks. */
 size_t padded_rows(size_t rows);
-/* Doubles that the lanes take, and where they are in `memory`, which is aligned for PairLanes. */
+/* Doubles that the lanes take, and where they are in `memory`, which is aligned for lanes and parts. */
 size_t lanes_size(const LoopSizes *sizes, size_t measures);
 void place_lanes(Batch *batch, double *memory);
+
+/* The filter in modal form, and its start; false where it has no such form. */
+bool open_filter(Batch *batch);
+/* What the law takes of the reference at each step. */
+void fill_references(Batch *batch);
+/* The plants of a group with their values (LANES, value_count), and whether this loop covers them. */
+void set_plants(Batch *batch, double *values, int32_t outcomes[LANES]);
 
 /* Data of one lane of the plant; z at rest under voltages: rest (slots, voltages) times `start`. */
 void set_plant_lane(Batch *batch, size_t lane, const Modal *modal, const double *rest, const double *start);
@@ -102,13 +107,16 @@ void clear_plant_lane(Batch *batch, size_t lane);
 /* z after a step with the voltages among the inputs; then what a force (beams,) adds that was held over the step. */
 void step_plant(Batch *batch);
 void push_plant(Batch *batch, const double *force);
-/* y of z */
+/* z after two steps, the second with the voltages among the next inputs, and halfway. */
+void step_plant_twice(Batch *batch);
+/* y of z; y halfway and y of z */
 void write_outputs(Batch *batch, Lanes *y);
+void write_outputs_twice(Batch *batch, Lanes *halfway, Lanes *y);
 
 /* The filter starts at the reference; voltages of the first step: the feedforward's. */
 void start_controller(Batch *batch, Lanes *u);
-/* The filter's z after a tick with the inputs (voltages, strains), and the law's sums of it. */
-void step_filter(Batch *batch);
+/* The filter's z after a tick with inputs (filter_inputs, PARTS), and the law's sums of it. */
+void step_filter(Batch *batch, const Part *inputs);
 /* Voltages `next` = u_ff + K (x_ref - x_est) + integral within the limits, after u; see tracking_controller.c. */
 void regulate(Batch *batch, const double *reference, const Lanes *u, Lanes *next);
 

@@ -57,7 +57,7 @@ static void find_strain(Batch *batch, int64_t first, int64_t last)
     Lanes largest = *batch->at.strain;
     for (int64_t number = first; number <= last && number < batch->task->steps; number++)
         for (size_t k = s->points; k < s->outputs; k++)
-            largest = lanes_larger(largest, lanes_magnitude(row_of(batch, number)[k]));
+            largest = lanes_larger(lanes_magnitude(row_of(batch, number)[k]), largest);
     *batch->at.strain = largest;
 }
 

@@ -8,7 +8,7 @@ static size_t first_output(const LoopSizes *s)
     return 2 + s->voltages;
 }
 
-static size_t pair_lanes(const LoopSizes *s)
+static size_t plant_stride(const LoopSizes *s)
 {
     return first_output(s) + s->output_rows;
 }
@@ -18,28 +18,37 @@ size_t padded_rows(size_t rows)
     return chunk_count(rows) * chunk_width(rows);
 }
 
-static size_t wide_count(const LoopSizes *s)
+static size_t sum_rows(const LoopSizes *s)
 {
-    return s->plant_pairs * (pair_lanes(s) + s->beams + 1) + s->filter_pairs + s->filter_inputs;
+    return s->output_rows > s->law_rows ? s->output_rows : s->law_rows;
+}
+
+/* Couples of numbers of each sample. */
+static size_t couple_count(const LoopSizes *s)
+{
+    return s->plant_pairs * (plant_stride(s) + s->beams + 4) + s->filter_pairs + 2 * (s->filter_inputs + sum_rows(s));
 }
 
 size_t lanes_size(const LoopSizes *s, size_t measures)
 {
-    const size_t narrow =
+    const size_t single =
         ROWS * (s->output_rows + s->voltages) + s->law_rows + 2 * s->voltages + measures * BATCH_FIGURES + 1;
-    return LANES * (2 * wide_count(s) + narrow);
+    return LANES * (2 * couple_count(s) + single);
 }
 
 void place_lanes(Batch *batch, double *memory)
 {
     const LoopSizes *const s = &batch->sizes;
     LoopLanes *const at = &batch->at;
-    at->plant = (PairLanes *)memory;
-    at->z = at->plant + s->plant_pairs * pair_lanes(s);
-    at->filter_z = at->z + s->plant_pairs;
-    at->inputs = at->filter_z + s->filter_pairs;
-    at->force = at->inputs + s->filter_inputs;
-    at->rows = (Lanes *)(memory + 2 * LANES * wide_count(s));
+    at->plant = (Part *)memory;
+    at->z = at->plant + PARTS * s->plant_pairs * plant_stride(s);
+    at->halfway = at->z + PARTS * s->plant_pairs;
+    at->driven = at->halfway + PARTS * s->plant_pairs;
+    at->filter_z = at->driven + 2 * PARTS * s->plant_pairs;
+    at->inputs = at->filter_z + PARTS * s->filter_pairs;
+    at->sums = at->inputs + 2 * PARTS * s->filter_inputs;
+    at->force = at->sums + 2 * PARTS * sum_rows(s);
+    at->rows = (Lanes *)(memory + 2 * LANES * couple_count(s));
     at->law = at->rows + ROWS * (s->output_rows + s->voltages);
     at->integral = at->law + s->law_rows;
     at->growth = at->integral + s->voltages;
@@ -47,18 +56,25 @@ void place_lanes(Batch *batch, double *memory)
     at->strain = at->figures + (size_t)batch->task->measure_count * BATCH_FIGURES;
 }
 
+/* A number of a pair of the plant. */
+static void set_plant_number(Batch *batch, size_t pair, size_t place, size_t lane, size_t member, double value)
+{
+    const LoopSizes *const s = &batch->sizes;
+    set_member(batch->at.plant + tile_place(plant_stride(s), pair, place), s->plant_pairs * plant_stride(s), lane,
+               member, value);
+}
+
 /* One member of a pair: growth by its own and the other coordinate, inputs, outputs. */
-static void set_member(Batch *batch, size_t lane, const Modal *modal, size_t pair, size_t member)
+static void set_plant_member(Batch *batch, size_t lane, const Modal *modal, size_t pair, size_t member)
 {
     const LoopSizes *const s = &batch->sizes;
     const size_t slot = slot_of_pair(pair) + member * MODAL_LANES;
     const size_t other = member == 0 ? slot + MODAL_LANES : slot - MODAL_LANES;
     const size_t block = slot / MODAL_BLOCK;
     const double *const hold = modal->hold + block * MODAL_HOLD_ROWS * MODAL_BLOCK + slot % MODAL_BLOCK;
-    PairLanes *const plant = batch->at.plant + pair * pair_lanes(s);
-    PairLanes *const force = batch->at.force + pair * s->beams;
-    set_pair_lane(&plant[0], lane, member, hold[0]);
-    set_pair_lane(&plant[1], lane, member, hold[MODAL_BLOCK]);
+    Part *const force = batch->at.force + pair * s->beams;
+    set_plant_number(batch, pair, 0, lane, member, hold[0]);
+    set_plant_number(batch, pair, 1, lane, member, hold[MODAL_BLOCK]);
     for (size_t j = 0; j < s->voltages + s->beams; j++) {
         const bool is_held = j < s->voltages;
         const size_t n = is_held ? j : j - s->voltages;
@@ -66,86 +82,172 @@ static void set_member(Batch *batch, size_t lane, const Modal *modal, size_t pai
                                               : modal->rare_inputs + (block * modal->rare + n) * MODAL_BLOCK;
         const double own = hold[2 * MODAL_BLOCK] * columns[slot % MODAL_BLOCK];
         const double sum = own + hold[3 * MODAL_BLOCK] * columns[other % MODAL_BLOCK];
-        set_pair_lane(is_held ? &plant[2 + n] : &force[n], lane, member, sum);
+        if (is_held)
+            set_plant_number(batch, pair, 2 + n, lane, member, sum);
+        else
+            set_member(force + n, s->plant_pairs * s->beams, lane, member, sum);
     }
     for (size_t i = 0; i < s->outputs; i++)
-        set_pair_lane(&plant[first_output(s) + i], lane, member, modal->output_rows[i * modal->slots + slot]);
+        set_plant_number(batch, pair, first_output(s) + i, lane, member, modal->output_rows[i * modal->slots + slot]);
 }
 
 void set_plant_lane(Batch *batch, size_t lane, const Modal *modal, const double *rest, const double *start)
 {
     const size_t voltages = batch->sizes.voltages;
-    for (size_t pair = 0; pair < batch->sizes.plant_pairs; pair++)
+    for (size_t pair = 0; pair < batch->plant.coordinates; pair++)
         for (size_t member = 0; member < 2; member++) {
             const double *const row = rest + (slot_of_pair(pair) + member * MODAL_LANES) * voltages;
             double sum = 0.0;
             for (size_t j = 0; j < voltages; j++)
                 sum += row[j] * start[j];
-            set_member(batch, lane, modal, pair, member);
-            set_pair_lane(&batch->at.z[pair], lane, member, sum);
+            set_plant_member(batch, lane, modal, pair, member);
+            set_member(&batch->at.z[pair], batch->sizes.plant_pairs, lane, member, sum);
         }
 }
 
 void clear_plant_lane(Batch *batch, size_t lane)
 {
     const LoopSizes *const s = &batch->sizes;
-    for (size_t member = 0; member < 2; member++) {
-        for (size_t k = 0; k < s->plant_pairs * (pair_lanes(s) + 1); k++) /* z is behind the pairs */
-            set_pair_lane(&batch->at.plant[k], lane, member, 0.0);
-        for (size_t k = 0; k < s->plant_pairs * s->beams; k++)
-            set_pair_lane(&batch->at.force[k], lane, member, 0.0);
+    for (size_t pair = 0; pair < batch->plant.coordinates; pair++)
+        for (size_t member = 0; member < 2; member++) {
+            for (size_t k = 0; k < plant_stride(s); k++)
+                set_plant_number(batch, pair, k, lane, member, 0.0);
+            for (size_t k = 0; k < s->beams; k++)
+                set_member(batch->at.force + pair * s->beams + k, s->plant_pairs * s->beams, lane, member, 0.0);
+            set_member(&batch->at.z[pair], s->plant_pairs, lane, member, 0.0);
+        }
+}
+
+/* What the voltages add to the pairs of a tile in this step, and in the next one where that is wanted too. */
+INLINE void drive_tile(size_t voltages, const Part *inputs, const Part *u, const Part *next, Part *driven, Part *later)
+{
+    Part now[TILE];
+    Part then[TILE];
+    for (size_t j = 0; j < voltages; j++)
+        for (size_t q = 0; q < TILE; q++) {
+            const Part input = inputs[j * TILE + q];
+            now[q] = j == 0 ? part_multiply(input, u[0]) : part_add_product(now[q], input, u[j * PARTS]);
+            if (next != NULL)
+                then[q] = j == 0 ? part_multiply(input, next[0]) : part_add_product(then[q], input, next[j * PARTS]);
+        }
+    for (size_t q = 0; q < TILE; q++) {
+        driven[q] = now[q];
+        if (next != NULL)
+            later[q] = then[q];
     }
 }
 
-/* z after a step with the voltages u. What they add is summed apart: the sums of a pair do not wait for one another. */
-INLINE void grow_pairs(size_t voltages, const Batch *batch, PairLanes *restrict z, const PairLanes *restrict u)
+/* z of a tile after a step, which is left in `after` too. */
+INLINE void grow_tile(const Part *plant, const Part *driven, Part z[TILE], Part *after)
+{
+    Part growth[TILE];
+    for (size_t q = 0; q < TILE; q++)
+        growth[q] = part_multiply(plant[q], z[q]);
+    for (size_t q = 0; q < TILE; q++)
+        growth[q] = part_add_product(growth[q], plant[TILE + q], part_exchanged(z[q]));
+    for (size_t q = 0; q < TILE; q++)
+        z[q] = part_add(part_add(z[q], driven[q]), growth[q]);
+    for (size_t q = 0; q < TILE; q++)
+        after[q] = z[q];
+}
+
+/* First what the voltages add to all pairs, then growth: in turn for each tile, growth would wait for the sums. */
+INLINE void grow_pairs(size_t voltages, const Batch *batch, bool twice)
 {
     const LoopSizes *const s = &batch->sizes;
-    const PairLanes *restrict plant = batch->at.plant;
-    for (size_t pair = 0; pair < s->plant_pairs; pair++, plant += pair_lanes(s)) {
-        PairLanes growth = pairs_multiply(plant[0], z[pair]);
-        growth = pairs_add_product(growth, plant[1], pairs_exchanged(z[pair]));
-        PairLanes driven = pairs_multiply(plant[2], u[0]);
-        for (size_t j = 1; j < voltages; j++)
-            driven = pairs_add_product(driven, plant[2 + j], u[j]);
-        z[pair] = pairs_add(pairs_add(z[pair], growth), driven);
+    const size_t stride = plant_stride(s) * TILE;
+    Part *const driven = batch->at.driven;
+    Part *const later = driven + s->plant_pairs;
+    for (size_t part = 0; part < PARTS; part++) {
+        const Part *const u = batch->at.inputs + part;
+        const Part *const next = twice ? u + s->filter_inputs * PARTS : NULL;
+        const Part *plant = batch->at.plant + part * s->plant_pairs * plant_stride(s);
+        for (size_t pair = 0; pair < s->plant_pairs; pair += TILE)
+            drive_tile(voltages, plant + pair / TILE * stride + 2 * TILE, u, next, driven + pair, later + pair);
+        for (size_t pair = 0; pair < s->plant_pairs; pair += TILE, plant += stride) {
+            Part *const z = batch->at.z + part * s->plant_pairs + pair;
+            Part own[TILE];
+            for (size_t q = 0; q < TILE; q++)
+                own[q] = z[q];
+            grow_tile(plant, driven + pair, own, twice ? batch->at.halfway + part * s->plant_pairs + pair : z);
+            if (twice)
+                grow_tile(plant, later + pair, own, z);
+        }
     }
 }
 
 void step_plant(Batch *batch)
 {
-    AT_COUNT(batch->sizes.voltages, grow_pairs, batch, batch->at.z, batch->at.inputs)
+    AT_COUNT(batch->sizes.voltages, grow_pairs, batch, false)
+}
+
+void step_plant_twice(Batch *batch)
+{
+    AT_COUNT(batch->sizes.voltages, grow_pairs, batch, true)
 }
 
 void push_plant(Batch *batch, const double *force)
 {
-    const PairLanes *input = batch->at.force;
-    for (size_t pair = 0; pair < batch->sizes.plant_pairs; pair++)
+    const Part *input = batch->at.force;
+    for (size_t pair = 0; pair < PARTS * batch->sizes.plant_pairs; pair++)
         for (size_t j = 0; j < batch->sizes.beams; j++) {
-            const double twice[2] = {force[j], force[j]};
-            batch->at.z[pair] = pairs_add_product(batch->at.z[pair], *input++, pairs_of(twice));
+            const Couple couple = {{force[j], force[j]}};
+            batch->at.z[pair] = part_add_product(batch->at.z[pair], *input++, part_of(couple));
         }
 }
 
-/* `width` outputs from number `first` on. */
-INLINE void sum_outputs(size_t width, const Batch *batch, size_t first, Lanes *y)
+/* `width` outputs from number `first` on, of z and, where they are wanted too, halfway, behind them. */
+INLINE void sum_outputs(size_t width, const Batch *batch, size_t first, bool twice)
 {
     const LoopSizes *const s = &batch->sizes;
-    const PairLanes *rows = batch->at.plant + first_output(s) + first;
-    PairLanes sum[COUNTS];
-    for (size_t i = 0; i < width; i++)
-        sum[i] = NO_PAIRS;
-    for (size_t pair = 0; pair < s->plant_pairs; pair++, rows += pair_lanes(s))
+    const Part *rows = batch->at.plant + (first_output(s) + first) * TILE;
+    const Part *z = batch->at.z;
+    const Part *halfway = batch->at.halfway;
+    for (size_t part = 0; part < PARTS; part++) {
+        Part sums[COUNTS];
+        Part earlier[COUNTS];
         for (size_t i = 0; i < width; i++)
-            sum[i] = pairs_add_product(sum[i], rows[i], batch->at.z[pair]);
-    for (size_t i = 0; i < width; i++)
-        y[first + i] = sums_of_pairs(sum[i]);
+            sums[i] = earlier[i] = NO_PART;
+        for (size_t pair = 0; pair < s->plant_pairs; pair += TILE) {
+            for (size_t q = 0; q < TILE; q++)
+                for (size_t i = 0; i < width; i++) {
+                    sums[i] = part_add_product(sums[i], rows[i * TILE + q], z[q]);
+                    if (twice)
+                        earlier[i] = part_add_product(earlier[i], rows[i * TILE + q], halfway[q]);
+                }
+            rows += plant_stride(s) * TILE;
+            z += TILE;
+            halfway += TILE;
+        }
+        Part *const to = batch->at.sums + first * PARTS + part;
+        for (size_t i = 0; i < width; i++) {
+            to[i * PARTS] = sums[i];
+            if (twice)
+                to[(s->output_rows + i) * PARTS] = earlier[i];
+        }
+    }
+}
+
+static void read_sums(const Batch *batch, size_t first, Lanes *y)
+{
+    const size_t rows = batch->sizes.output_rows;
+    for (size_t i = 0; i < rows; i++)
+        y[i] = sum_couples(batch->at.sums + (first + i) * PARTS);
 }
 
 void write_outputs(Batch *batch, Lanes *y)
 {
-    const size_t outputs = batch->sizes.outputs;
-    const size_t width = chunk_width(outputs);
-    for (size_t first = 0; first < outputs; first += width)
-        AT_COUNT(width, sum_outputs, batch, first, y)
+    const size_t width = chunk_width(batch->sizes.outputs);
+    for (size_t first = 0; first < batch->sizes.outputs; first += width)
+        AT_COUNT(width, sum_outputs, batch, first, false)
+    read_sums(batch, 0, y);
+}
+
+void write_outputs_twice(Batch *batch, Lanes *halfway, Lanes *y)
+{
+    const size_t width = chunk_width(batch->sizes.outputs);
+    for (size_t first = 0; first < batch->sizes.outputs; first += width)
+        AT_COUNT(width, sum_outputs, batch, first, true)
+    read_sums(batch, 0, y);
+    read_sums(batch, batch->sizes.output_rows, halfway);
 }

@@ -1,13 +1,23 @@
-/* Four doubles side by side, one of each of four samples, and eight: two of each sample, such as the coordinates of a
-   pair. Where there are no vector types the same operations on plain doubles give the same bits;
-   FLEXBEAMS_PLAIN_LANES chooses these. */
+/* Four doubles side by side, one of each of four samples; and two of each sample, such as the coordinates of a pair, in
+   parts of as many doubles as a register holds. Where there are no vector types the same operations on plain doubles
+   give the same bits; FLEXBEAMS_PLAIN_LANES chooses these. */
 #ifndef FLEXBEAMS_LANES_H
 #define FLEXBEAMS_LANES_H
 
 #include <math.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 #define LANES 4
+
+#if defined(__AVX512F__)
+#define PART 8
+#elif defined(__AVX__)
+#define PART 4
+#else
+#define PART 2
+#endif
+#define PARTS (2 * LANES / PART) /* that hold two numbers of each sample */
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((unused, always_inline))
@@ -15,54 +25,122 @@
 #define INLINE static inline
 #endif
 
-#if defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__)) && !defined(FLEXBEAMS_PLAIN_LANES)
+#if defined(__has_builtin) && (defined(__SSE2__) || defined(__aarch64__)) && !defined(FLEXBEAMS_PLAIN_LANES)
+#if __has_builtin(__builtin_shufflevector)
+#define HAS_VECTORS
+#endif
+#endif
+
+/* Two numbers that are the same for all samples. */
+typedef struct {
+    double of[2];
+} Couple;
+
+#ifdef HAS_VECTORS
 
 #pragma GCC diagnostic ignored "-Wpsabi" /* no vector crosses a call: what takes or returns one is inlined */
 
 typedef double Lanes __attribute__((vector_size(8 * LANES)));
 typedef long long LaneMask __attribute__((vector_size(8 * LANES)));
-typedef double PairLanes __attribute__((vector_size(16 * LANES)));
+typedef double Part __attribute__((vector_size(8 * PART)));
 
 #define lanes_of(value) ((Lanes){(value), (value), (value), (value)})
 #define lanes_add(a, b) ((a) + (b))
 #define lanes_subtract(a, b) ((a) - (b))
 #define lanes_multiply(a, b) ((a) * (b))
+#define lanes_divide(a, b) ((a) / (b))
 #define lanes_above(a, b) ((LaneMask)((a) > (b)))
 #define lanes_both(a, b) ((a) & (b))
 #define lanes_either(a, b) ((a) | (b))
-/* a of the lanes where the condition holds, b of the others */
-#define lanes_choose(condition, a, b) ((Lanes)(((condition) & (LaneMask)(a)) | (~(condition) & (LaneMask)(b))))
-#define lanes_larger(a, b) lanes_choose(lanes_above(a, b), a, b) /* b where one of them is no number */
-#define lanes_smaller(a, b) lanes_choose(lanes_above(b, a), a, b)
 #define lanes_magnitude(a) ((Lanes)(~(LaneMask)lanes_of(-0.0) & (LaneMask)(a)))
 
-#define pairs_add(a, b) ((a) + (b))
-#define pairs_multiply(a, b) ((a) * (b))
-#define NO_PAIRS ((PairLanes){0.0})
-
-#if defined(__clang__)
-
-INLINE PairLanes pairs_of(const double *pair)
+/* a of the lanes where the condition holds, b of the others */
+INLINE Lanes lanes_choose(LaneMask condition, Lanes a, Lanes b)
 {
-    typedef double Pair __attribute__((vector_size(16), aligned(8), may_alias));
-    const Pair both = *(const Pair *)pair;
+    return (Lanes)((condition & (LaneMask)a) | (~condition & (LaneMask)b));
+}
+
+/* b where one of them is no number */
+INLINE Lanes lanes_larger(Lanes a, Lanes b)
+{
+    return lanes_choose(lanes_above(a, b), a, b);
+}
+
+INLINE Lanes lanes_smaller(Lanes a, Lanes b)
+{
+    return lanes_choose(lanes_above(b, a), a, b);
+}
+
+INLINE bool lanes_any(LaneMask mask)
+{
+    return (mask[0] | mask[1] | mask[2] | mask[3]) != 0;
+}
+
+#define part_add(a, b) ((a) + (b))
+#define part_multiply(a, b) ((a) * (b))
+#define NO_PART ((Part){0.0})
+
+/* `couple` for each sample */
+INLINE Part part_of(Couple couple)
+{
+    typedef double Both __attribute__((vector_size(16)));
+    const Both both = {couple.of[0], couple.of[1]};
+#if PART == 8
     return __builtin_shufflevector(both, both, 0, 1, 0, 1, 0, 1, 0, 1);
-}
-#define pairs_exchanged(a) __builtin_shufflevector(a, a, 1, 0, 3, 2, 5, 4, 7, 6)
-#define pairs_of_lanes(a) __builtin_shufflevector(a, a, 0, 0, 1, 1, 2, 2, 3, 3)
-#define firsts_of_pairs(a) __builtin_shufflevector(a, a, 0, 2, 4, 6)
-
+#elif PART == 4
+    return __builtin_shufflevector(both, both, 0, 1, 0, 1);
 #else
-
-INLINE PairLanes pairs_of(const double *pair)
-{
-    return (PairLanes){pair[0], pair[1], pair[0], pair[1], pair[0], pair[1], pair[0], pair[1]};
-}
-#define pairs_exchanged(a) ((PairLanes){(a)[1], (a)[0], (a)[3], (a)[2], (a)[5], (a)[4], (a)[7], (a)[6]})
-#define pairs_of_lanes(a) ((PairLanes){(a)[0], (a)[0], (a)[1], (a)[1], (a)[2], (a)[2], (a)[3], (a)[3]})
-#define firsts_of_pairs(a) ((Lanes){(a)[0], (a)[2], (a)[4], (a)[6]})
-
+    return both;
 #endif
+}
+
+/* The two numbers of each sample exchanged. */
+INLINE Part part_exchanged(Part a)
+{
+#if PART == 8
+    return __builtin_shufflevector(a, a, 1, 0, 3, 2, 5, 4, 7, 6);
+#elif PART == 4
+    return __builtin_shufflevector(a, a, 1, 0, 3, 2);
+#else
+    return __builtin_shufflevector(a, a, 1, 0);
+#endif
+}
+
+/* Parts with a sample's number twice. */
+INLINE void spread_lanes(Lanes a, Part to[PARTS])
+{
+#if PART == 8
+    to[0] = __builtin_shufflevector(a, a, 0, 0, 1, 1, 2, 2, 3, 3);
+#elif PART == 4
+    to[0] = __builtin_shufflevector(a, a, 0, 0, 1, 1);
+    to[1] = __builtin_shufflevector(a, a, 2, 2, 3, 3);
+#else
+    to[0] = __builtin_shufflevector(a, a, 0, 0);
+    to[1] = __builtin_shufflevector(a, a, 1, 1);
+    to[2] = __builtin_shufflevector(a, a, 2, 2);
+    to[3] = __builtin_shufflevector(a, a, 3, 3);
+#endif
+}
+
+/* Of each sample the sum of its two. */
+INLINE Lanes sum_couples(const Part parts[PARTS])
+{
+#if PART == 8
+    const Lanes firsts = __builtin_shufflevector(parts[0], parts[0], 0, 2, 4, 6);
+    const Lanes seconds = __builtin_shufflevector(parts[0], parts[0], 1, 3, 5, 7);
+    return firsts + seconds;
+#elif PART == 4
+    const Lanes firsts = __builtin_shufflevector(parts[0], parts[1], 0, 2, 4, 6);
+    const Lanes seconds = __builtin_shufflevector(parts[0], parts[1], 1, 3, 5, 7);
+    return firsts + seconds;
+#else
+    const Part lower =
+        __builtin_shufflevector(parts[0], parts[1], 0, 2) + __builtin_shufflevector(parts[0], parts[1], 1, 3);
+    const Part upper =
+        __builtin_shufflevector(parts[2], parts[3], 0, 2) + __builtin_shufflevector(parts[2], parts[3], 1, 3);
+    return __builtin_shufflevector(lower, upper, 0, 1, 2, 3);
+#endif
+}
 
 #else
 
@@ -73,8 +151,8 @@ typedef struct {
     int of[LANES];
 } LaneMask;
 typedef struct {
-    double of[2 * LANES];
-} PairLanes;
+    double of[PART];
+} Part;
 
 #define LANES_FUNCTION(Type, count, name, parameters, expression)                                                      \
     INLINE Type name parameters                                                                                        \
@@ -88,6 +166,7 @@ LANES_FUNCTION(Lanes, LANES, lanes_of, (double value), value)
 LANES_FUNCTION(Lanes, LANES, lanes_add, (Lanes a, Lanes b), a.of[l] + b.of[l])
 LANES_FUNCTION(Lanes, LANES, lanes_subtract, (Lanes a, Lanes b), a.of[l] - b.of[l])
 LANES_FUNCTION(Lanes, LANES, lanes_multiply, (Lanes a, Lanes b), a.of[l] * b.of[l])
+LANES_FUNCTION(Lanes, LANES, lanes_divide, (Lanes a, Lanes b), a.of[l] / b.of[l])
 LANES_FUNCTION(LaneMask, LANES, lanes_above, (Lanes a, Lanes b), a.of[l] > b.of[l])
 LANES_FUNCTION(LaneMask, LANES, lanes_both, (LaneMask a, LaneMask b), a.of[l] & b.of[l])
 LANES_FUNCTION(LaneMask, LANES, lanes_either, (LaneMask a, LaneMask b), a.of[l] | b.of[l])
@@ -95,25 +174,29 @@ LANES_FUNCTION(Lanes, LANES, lanes_choose, (LaneMask mask, Lanes a, Lanes b), ma
 LANES_FUNCTION(Lanes, LANES, lanes_larger, (Lanes a, Lanes b), a.of[l] > b.of[l] ? a.of[l] : b.of[l])
 LANES_FUNCTION(Lanes, LANES, lanes_smaller, (Lanes a, Lanes b), a.of[l] < b.of[l] ? a.of[l] : b.of[l])
 LANES_FUNCTION(Lanes, LANES, lanes_magnitude, (Lanes a), fabs(a.of[l]))
-LANES_FUNCTION(PairLanes, 2 * LANES, pairs_add, (PairLanes a, PairLanes b), a.of[l] + b.of[l])
-LANES_FUNCTION(PairLanes, 2 * LANES, pairs_multiply, (PairLanes a, PairLanes b), a.of[l] * b.of[l])
-LANES_FUNCTION(PairLanes, 2 * LANES, pairs_of, (const double *pair), pair[l % 2])
-LANES_FUNCTION(PairLanes, 2 * LANES, pairs_exchanged, (PairLanes a), a.of[l ^ 1])
-LANES_FUNCTION(PairLanes, 2 * LANES, pairs_of_lanes, (Lanes a), a.of[l / 2])
-LANES_FUNCTION(Lanes, LANES, firsts_of_pairs, (PairLanes a), a.of[2 * l])
-#define NO_PAIRS ((PairLanes){{0.0}})
+LANES_FUNCTION(Lanes, LANES, sum_couples, (const Part *parts),
+               parts[2 * l / PART].of[2 * l % PART] + parts[2 * l / PART].of[2 * l % PART + 1])
+LANES_FUNCTION(Part, PART, part_add, (Part a, Part b), a.of[l] + b.of[l])
+LANES_FUNCTION(Part, PART, part_multiply, (Part a, Part b), a.of[l] * b.of[l])
+LANES_FUNCTION(Part, PART, part_of, (Couple couple), couple.of[l % 2])
+LANES_FUNCTION(Part, PART, part_exchanged, (Part a), a.of[l ^ 1])
+#define NO_PART ((Part){{0.0}})
+
+INLINE bool lanes_any(LaneMask mask)
+{
+    return mask.of[0] || mask.of[1] || mask.of[2] || mask.of[3];
+}
+
+INLINE void spread_lanes(Lanes a, Part to[PARTS])
+{
+    for (int k = 0; k < 2 * LANES; k++)
+        to[k / PART].of[k % PART] = a.of[k / 2];
+}
 
 #endif
 
 #define lanes_add_product(sum, a, b) lanes_add(sum, lanes_multiply(a, b))
-#define pairs_add_product(sum, a, b) pairs_add(sum, pairs_multiply(a, b))
-
-/* Of each sample the sum of its two. */
-INLINE Lanes sums_of_pairs(PairLanes a)
-{
-    const PairLanes sums = pairs_add(a, pairs_exchanged(a));
-    return firsts_of_pairs(sums);
-}
+#define part_add_product(sum, a, b) part_add(sum, part_multiply(a, b))
 
 INLINE void set_lane(Lanes *lanes, size_t lane, double value)
 {
@@ -125,9 +208,18 @@ INLINE double get_lane(const Lanes *lanes, size_t lane)
     return ((const double *)lanes)[lane];
 }
 
-INLINE void set_pair_lane(PairLanes *lanes, size_t lane, size_t member, double value)
+INLINE Lanes lanes_root(Lanes a)
 {
-    ((double *)lanes)[2 * lane + member] = value;
+    for (size_t lane = 0; lane < LANES; lane++)
+        set_lane(&a, lane, sqrt(get_lane(&a, lane)));
+    return a;
+}
+
+/* One of the two numbers of a sample; `apart` lie the parts from one another. */
+INLINE void set_member(Part *parts, size_t apart, size_t lane, size_t member, double value)
+{
+    const size_t number = 2 * lane + member;
+    ((double *)(parts + number / PART * apart))[number % PART] = value;
 }
 
 #endif

@@ -5,11 +5,9 @@
 #include <stddef.h>
 
 #if defined(__AVX512F__)
-#define CHUNK 12 /* rows that are summed side by side, at most: as many as there are registers for */
-#elif defined(__AVX__)
-#define CHUNK 6
+#define CHUNK 12 /* rows that are summed side by side, at most: registers hold two sums of each */
 #else
-#define CHUNK 2
+#define CHUNK 6
 #endif
 
 #define COUNTS 12 /* that are written out */
