@@ -116,8 +116,8 @@ def through_units(plan: StudyPlan) -> Array:
             starts: dict[str, dict[str, float | int]] = {}
             for axis, value in zip(plan.axes, row.tolist(), strict=True):
                 for target in axis.targets:
-                    whole = target.variable == "noise_seed"
-                    starts.setdefault(target.instance, {})[target.variable] = int(value) if whole else value * target.factor
+                    own = int(value) if target.variable == "noise_seed" else value * target.factor
+                    starts.setdefault(target.instance, {})[target.variable] = own
             recording = loop.run(starts)  # type: ignore[arg-type]
             assert recording.failure is None
             found.append([o.value for o in Measurement(scenario, "", recording, None).outcomes()])
