@@ -135,11 +135,22 @@ def run_job(
     Raises FlexbeamsError where the run cannot start, or its files cannot be written without harm to others.
     """
     with ResultFolder(job.folder) as folder:
-        _require_own(job, folder.require_free(job.files), observer)
+        replaced = _replaced(job, folder.require_free(job.files))
+        notes = [f"{job.folder}: replaces {replaced}"] if replaced else []
         head = summary_head(job.kind, job.name, job.changed)
-        recorded = replace(observer, row_path=lambda: folder.begin_rows(head))
+
+        def announce() -> None:
+            while notes:
+                observer.notify(notes.pop())
+
+        def begin_rows() -> Path:
+            announce()
+            return folder.begin_rows(head)
+
+        recorded = replace(observer, row_path=begin_rows)
         settings = replace(job.settings, formats=tuple(job.formats), results_folder=job.folder)
         run = run_experiment(job.experiment, settings, recorded, designs)
+        announce()
         observer.writing()
         with deferred_interrupt() as interrupted:
             status, message = _verdict(run, job.folder)
@@ -165,17 +176,17 @@ def run_job(
     )
 
 
-def _require_own(job: Job, earlier: dict[str, Any], observer: Observer) -> None:
-    """A run of another kind, name or settings is replaced in a folder that was named only, with a note."""
+def _replaced(job: Job, earlier: dict[str, Any]) -> str:
+    """A run of another kind, name or settings that is replaced, in a folder that was named only; empty for none."""
     before = (earlier.get("kind", "scenario"), earlier.get("scenario"), earlier.get("settings"))
     if not earlier or before == (job.kind, job.name, json_values(job.changed)):
-        return
+        return ""
     changes = ", ".join(f"{key} {value}" for key, value in (before[2] or {}).items()) or "its own settings"
     of_kind = f"the {before[0]} " if before[0] != job.kind else ""
     held = f"a run of {of_kind}{before[1]} with {changes}"
     if not job.named_folder:
         raise InputError("", f"holds {held}; choose another folder with --out", source=str(job.folder))
-    observer.notify(f"{job.folder}: replaces {held}")
+    return held
 
 
 def _verdict(run: Run, folder: Path) -> tuple[int, str]:

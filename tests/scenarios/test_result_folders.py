@@ -215,6 +215,8 @@ def test_a_package_and_a_scenario_of_one_name_are_told_apart(
     capsys.readouterr()
     assert main(["run", str(package), *out]) == 0
     assert "replaces" not in capsys.readouterr().err
+    assert main(["run", "single_beam", *out, "--set", "plant.beam[1].density=-1"]) == 2
+    assert "replaces" not in capsys.readouterr().err
     assert main(["run", "single_beam", *out]) == 0
     note = f"{tmp_path}/out: replaces a run of the package single_beam with its own settings\n"
     assert note in capsys.readouterr().err
