@@ -10,9 +10,12 @@ import numpy as np
 
 from flexbeams.controller.frequency import Complex
 from flexbeams.controller.observer import tick_matrices
+from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
+from flexbeams.plant.damped_modes import damped_modes
 from flexbeams.plant.energy import discretise, energy_form
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.plant.statespace import undamped_modes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,16 +32,53 @@ class SampledPlant:
     D_pi: Array  # (n_pi, n_u), m/V
     D_pm: Array  # (n_pm, n_u), 1/V
     step: float  # s
+    eigenvalues: Complex | None = None  # (n,) of A, where they are known
+
+    def poles(self) -> Complex:
+        """Eigenvalues (n,) of A."""
+        return np.linalg.eigvals(self.A).astype(np.complex128) if self.eigenvalues is None else self.eigenvalues
 
 
 def sampled_plant(model: BeamModel, step: float, parameters: dict[str, float] | None = None) -> SampledPlant:
     """The full plant, exact for voltages held over `step` s; `parameters` in place of the structure's."""
     system = model.assemble(parameters)
+    if plant := _modal_plant(model, system, step):
+        return plant
     form = energy_form(system.M, system.D, system.K, system.L)
     A, B = discretise(form.A, form.B, step)
     H_pi, H_pm = form.outputs(model.deflection), form.outputs(model.strain)
     none = np.zeros((len(H_pi), B.shape[1])), np.zeros((len(H_pm), B.shape[1]))
     return SampledPlant(A=A, B=B, H_pi=H_pi, H_pm=H_pm, D_pi=none[0], D_pm=none[1], step=step)
+
+
+def _modal_plant(model: BeamModel, system: SecondOrderSystem, step: float) -> SampledPlant | None:
+    """The full plant in the real and imaginary parts of its damped modes; None where these are not found by iteration.
+
+    A consists of four diagonals. In thousands of states that is a tenth of the work of a matrix exponential.
+    """
+    frequencies, shapes = undamped_modes(system)
+    modes = damped_modes(frequencies, shapes.T @ system.D @ shapes)
+    if modes is None:
+        return None
+    n, states = len(frequencies), modes.state_vectors()
+    loads = np.vstack([np.zeros_like(system.L), shapes.T @ system.L])
+    real, imaginary = np.split(np.linalg.solve(np.hstack([states.real, -states.imag]), loads), 2)
+    growth = np.exp(modes.eigenvalues * step)
+    held = (np.expm1(modes.eigenvalues * step) / modes.eigenvalues)[:, None] * (real + 1j * imaginary)
+    A = np.block([[np.diag(growth.real), np.diag(-growth.imag)], [np.diag(growth.imag), np.diag(growth.real)]])
+    outputs = [rows @ (shapes / frequencies) @ states[:n] for rows in (model.deflection, model.strain)]
+    H_pi, H_pm = (np.hstack([parts.real, -parts.imag]) for parts in outputs)
+    none = [np.zeros((len(H), loads.shape[1])) for H in (H_pi, H_pm)]
+    return SampledPlant(
+        A=A,
+        B=np.vstack([held.real, held.imag]),
+        H_pi=H_pi,
+        H_pm=H_pm,
+        D_pi=none[0],
+        D_pm=none[1],
+        step=step,
+        eigenvalues=np.concatenate([growth, growth.conj()]),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from flexbeams.plant.basis import Array
 LOWEST_FREQUENCY = 0.1  # rad/s
 _POINTS_PER_DECADE = 60
 _AROUND_A_POLE = (-3.0, -1.5, -0.7, 0.0, 0.7, 1.5, 3.0)  # half widths of the resonance
+_SEEN = 1e-3  # height of a resonance in S, and of the plant's modes the loop gain, below which a grid may miss it
 _DISTINCT = 0.5  # damping ratio below which a pole is a resonance
 
 
@@ -83,15 +84,33 @@ class Loop:
         return np.asarray(np.exp(1j * self.plant.step * omega), dtype=np.complex128)
 
     def frequencies(self) -> Array:
-        """A grid (k,) in rad/s up to Nyquist that resolves every resonance of the loop and of the plant alone."""
+        """A grid (k,) in rad/s up to Nyquist that resolves resonances of the loop and of the plant alone."""
         nyquist = np.pi / self.plant.step
         count = int(np.ceil(_POINTS_PER_DECADE * np.log10(nyquist / LOWEST_FREQUENCY)))
-        plant = np.log(np.linalg.eigvals(self.plant.A).astype(np.complex128)) / self.plant.step
-        poles = np.concatenate([plant, self.poles()])
+        poles = np.log(self._seen_poles()) / self.plant.step
         poles = poles[(poles.imag > LOWEST_FREQUENCY) & (np.abs(poles.real) < _DISTINCT * np.abs(poles))]
         peaks = (poles.imag[:, None] + np.outer(np.abs(poles.real), _AROUND_A_POLE)).ravel()
         grid = np.concatenate([np.geomspace(LOWEST_FREQUENCY, nyquist, count), peaks])
         return np.unique(grid[(grid >= LOWEST_FREQUENCY) & (grid <= nyquist)])
+
+    def _seen_poles(self) -> Complex:
+        """Poles z with positive imaginary parts, of the loop and of the plant alone, of modes that S has to do with.
+
+        A mode of the loop has the height of its resonance in S; one of the plant is moved by the controller by that
+        part of its distance from the unit circle. The modes of thousands of states are mostly far beyond both.
+        """
+        form, n_u, plant = self._resolvent, self.plant.B.shape[1], self.plant.poles()
+        loop, plant = form.poles[form.poles.imag > 0], plant[plant.imag > 0]
+        if not isinstance(form, ModalForm) or not len(loop) or not len(plant):
+            return np.concatenate([plant, loop])
+        heights = np.linalg.norm(form.C, axis=0) * np.linalg.norm(form.B[:, :n_u], axis=1)
+        moved = np.min(np.abs(plant[:, None] - loop), axis=1)
+        return np.concatenate(
+            [
+                plant[moved > _SEEN * np.abs(1 - np.abs(plant))],
+                loop[heights[form.poles.imag > 0] > _SEEN * np.abs(1 - np.abs(loop))],
+            ]
+        )
 
     def noise_gain(self) -> Array:
         """Rms voltage of each pair (n_u,), V, for white strain noise of 1 m/m rms a sample on every gauge."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -120,6 +120,7 @@ def _slow_limit(arrays: Mapping[str, Array], plants: Mapping[str, SampledPlant])
     """The integral gain at which the loop becomes unstable on one of the plants, at most HIGHEST_INTEGRAL_GAIN."""
     from scipy.optimize import brentq  # takes a while to import
 
+    @cache  # the search begins with both ends again
     def growth(logarithm: float) -> float:
         return max(loop.pole.real for loop in verify_loop(arrays, float(np.exp(logarithm)), plants)) - STABLE
 

@@ -21,8 +21,14 @@ _SQUARED = 1e-8  # change by a correction below which the next one is at roundin
 class DampedModes:
     """Solutions exp(a t) z of eta'' + damping eta' + diag(frequencies^2) eta = 0; the conjugate ones are the others."""
 
+    frequencies: Array  # (n,), rad/s
     eigenvalues: ComplexArray  # a (n,), 1/s, imaginary parts > 0, in the order of the undamped modes
     shapes: ComplexArray  # columns z (n, n), 1 at their own undamped mode
+
+    def state_vectors(self) -> ComplexArray:
+        """Eigenvectors (2 n, n) of the state (diag(frequencies) eta, eta')."""
+        states = np.vstack([self.frequencies[:, None] * self.shapes, self.eigenvalues * self.shapes])
+        return np.asarray(states / self.frequencies, dtype=np.complex128)
 
 
 def damped_modes(frequencies: Array, damping: Array) -> DampedModes | None:
@@ -42,7 +48,7 @@ def damped_modes(frequencies: Array, damping: Array) -> DampedModes | None:
         oscillating = modes.eigenvalues.imag > _SQUARED * np.abs(modes.eigenvalues)
     if len(left) or not distance < 1 or not oscillating.all():
         return None
-    return DampedModes(eigenvalues=modes.eigenvalues, shapes=modes.shapes)
+    return DampedModes(frequencies=frequencies, eigenvalues=modes.eigenvalues, shapes=modes.shapes)
 
 
 def damped_eigenvalues(frequencies: Array, damping: Array) -> tuple[ComplexArray, Array]:

@@ -1,6 +1,7 @@
 """High-fidelity basis: C1 piecewise polynomials on the uniform pieces of a beam."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
@@ -67,7 +68,7 @@ class SegmentBasis:
         """See Basis.gram; exact Gauss-Legendre on each piece's part of [start, end]."""
         total = np.zeros((self.size, self.size))
         for left, right, bubbles in zip(self.edges[:-1], self.edges[1:], self.bubbles, strict=True):
-            nodes, weights = leggauss(bubbles + 4)
+            nodes, weights = _gauss_points(bubbles + 4)
             a, b = max(left, start), min(right, end)
             if b - a > _CUT_TOLERANCE * self.length:
                 z = a + (b - a) / 2 * (nodes + 1)
@@ -78,6 +79,13 @@ class SegmentBasis:
         """Columns of the piece's functions among all, the clamped two of the first node included."""
         first = 2 * len(self.edges) + sum(self.bubbles[:piece])
         return np.array([*range(2 * piece, 2 * piece + 4), *range(first, first + self.bubbles[piece])])
+
+
+@cache
+def _gauss_points(count: int) -> tuple[Array, Array]:
+    """Points in -1 ... 1 and weights of the Gauss-Legendre rule."""
+    nodes, weights = leggauss(count)
+    return nodes, weights
 
 
 def _distribute_bubbles(widths: Array, mean: int) -> tuple[int, ...]:

@@ -41,11 +41,17 @@ class Spectrum:
     real: Array  # (2 n - 2 k,), 1/s
 
 
-def spectrum_of(system: SecondOrderSystem) -> Spectrum:
-    """The spectrum with and without damping."""
+def undamped_modes(system: SecondOrderSystem) -> tuple[Array, Array]:
+    """Natural frequencies (n,), rad/s, descending, and mass-normalised shapes, columns (n, n)."""
     mass, stiffness = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
     left, frequencies, _ = svd(solve_triangular(mass, stiffness, lower=True))
-    shapes = solve_triangular(mass, left, lower=True, trans="T")
+    shapes: Array = solve_triangular(mass, left, lower=True, trans="T")
+    return frequencies, shapes
+
+
+def spectrum_of(system: SecondOrderSystem) -> Spectrum:
+    """The spectrum with and without damping."""
+    frequencies, shapes = undamped_modes(system)
     oscillating, real = damped_eigenvalues(frequencies, shapes.T @ system.D @ shapes)
     return Spectrum(frequencies=frequencies[::-1].copy(), oscillating=oscillating, real=real)
 

@@ -100,7 +100,7 @@ def plant_response(
 def _eigenvectors(omega: Array, damping: Array) -> tuple[ComplexArray, ComplexArray]:
     """Of [[0, diag(omega)], [-diag(omega), -damping]]: eigenvalues (m,), one of each pair, and vectors (2 n, m)."""
     if modes := damped_modes(omega, damping):
-        return modes.eigenvalues, np.vstack([omega[:, None] * modes.shapes, modes.eigenvalues * modes.shapes]) / omega
+        return modes.eigenvalues, modes.state_vectors()
     rates = np.diag(omega)
     values, vectors = np.linalg.eig(np.block([[np.zeros_like(rates), rates], [-rates, -damping]]))
     one_of_each = values.imag >= 0

@@ -65,6 +65,7 @@ def controller_response(
     n_u, n_pm = B.shape[1], len(H)
     y_pm, u_ff, x_ref = inputs[:, :n_pm], inputs[:, n_pm : n_pm + n_u], inputs[:, n_pm + n_u :]
     W, rate = a.get("offset_map", np.zeros((len(a["H_pi"]), n_pm))), a.get("offset_gain", np.zeros(n_pm))
+    at_rest, basis = np.linalg.solve(np.eye(len(A)) - A, B), _range_basis(G)
     x, integral, wanted, d = x_ref[0], np.zeros(n_u), u_ff[0], np.zeros(n_pm)
     rows = []
     for k in range(len(inputs)):
@@ -75,23 +76,29 @@ def controller_response(
         d = d + rate * innovation
         du = -G @ (W @ d)
         error = a["H_pi"] @ (x_ref[k] - x_next) + a["D_pi"] @ (u_ff[k] - u) - W @ d
-        wanted = u_ff[k] + du + K @ (x_ref[k] + np.linalg.solve(np.eye(len(A)) - A, B @ du) - x_next) + integral
+        wanted = u_ff[k] + du + K @ (x_ref[k] + at_rest @ du - x_next) + integral
         excess = wanted - np.clip(wanted, limits.lowest, limits.highest)
-        integral = integral + _growth_without_windup(G, gain * (G @ error), excess)
+        integral = integral + _growth_without_windup(basis, gain * (G @ error), excess)
         x = x_next
     return np.array(rows)
 
 
-def _growth_without_windup(G: Array, growth: Array, excess: Array) -> Array:
+def _range_basis(G: Array) -> Array:
+    """Orthonormal basis (n_u, rank) of the range of G (n_u, n_pi)."""
+    directions, sigma, _ = np.linalg.svd(G)
+    rank = int(np.count_nonzero(sigma > 1e-9 * max(sigma[0], np.finfo(float).tiny)))
+    return np.asarray(directions[:, :rank], dtype=np.float64)
+
+
+def _growth_without_windup(basis: Array, growth: Array, excess: Array) -> Array:
     """The growth G a nearest to the given one that is zero in every pair that it drives further out.
 
-    `excess` (n_u,) is how far voltages are beyond their limits. Pairs are held one after the other, from the first on.
+    `basis` (n_u, rank) is that of the range of G, `excess` (n_u,) is how far voltages are beyond their limits.
+    Pairs are held one after the other, from the first on.
     """
     from scipy.linalg import null_space  # which a run with built units does not need
 
     kept, held = growth, np.zeros(len(growth), dtype=bool)
-    directions, sigma, _ = np.linalg.svd(G)
-    basis = directions[:, : np.count_nonzero(sigma > 1e-9 * max(sigma[0], np.finfo(float).tiny))]
     while (winding := ~held & (excess * kept > 0)).any():
         held[int(np.argmax(winding))] = True
         free = basis @ null_space(basis[held])

@@ -1,6 +1,5 @@
 """The verb `flexbeams design`."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -59,6 +58,8 @@ def design(
     Modes, Hankel singular values, static gains; closed-loop poles, margins and noise gains on the design's own plant
     and on the exact one; expected static errors; how well pairs and gauges are placed.
     """
+    import orjson
+
     from flexbeams.controller.analysis import analyse
     from flexbeams.controller.design import compute_design
     from flexbeams.controller.design_file import write_design
@@ -77,6 +78,7 @@ def design(
         write_design_page(analysis, report, scenario or structure or "kiel")
         note(f"report written to {report}")
     if as_json:
-        click.echo(json.dumps({"design_id": computed.design_id, **computed.summary, **analysis.figures()}, indent=2))
+        everything = {"design_id": computed.design_id, **computed.summary, **analysis.figures()}
+        click.echo(orjson.dumps(everything, option=orjson.OPT_INDENT_2))
     else:
         show_design(analysis)

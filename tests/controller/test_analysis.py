@@ -5,11 +5,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_lyapunov
 
 from flexbeams.controller.analysis import Analysis, analyse
 from flexbeams.controller.design import Design, compute_design
 from flexbeams.controller.options import DesignOptions
+from flexbeams.controller.ranking import _losses
 from flexbeams.controller.static_error import StaticLoop, random_parameters, static_errors
+from flexbeams.plant.basis import Array
 from flexbeams.plant.statespace import state_matrices, static_gains
 from flexbeams.plant.structure import find_structure, read_structure
 from tests.helpers import design_of
@@ -108,6 +111,22 @@ def test_ranking_is_that_of_the_resonances() -> None:
     single = analyse(design_of("single_beam")).ranking
     assert single.pair_losses == pytest.approx([1.0])
     assert np.all((ranking.gauge_losses > 0) & (ranking.gauge_losses < 1))
+
+
+@pytest.mark.parametrize("distinct", [True, False])
+def test_losses_are_those_of_the_hankel_singular_values(distinct: bool) -> None:
+    """Roots of the eigenvalues of both Gramians' product, without each input; also where A has no eigenvectors."""
+    random = np.random.default_rng(8)
+    A = np.eye(5, k=1) - np.diag([1.0, 2.0, 3.0, 4.0, 5.0] if distinct else [2.0] * 5)
+    B, C = random.normal(size=(5, 3)), random.normal(size=(2, 5))
+    A[0, 3] = -4.0 if distinct else 0.0
+
+    def total(inputs: Array) -> float:
+        reach, sight = solve_continuous_lyapunov(A, -inputs @ inputs.T), solve_continuous_lyapunov(A.T, -C.T @ C)
+        return float(np.sum(np.sqrt(np.maximum(np.linalg.eigvals(reach @ sight).real, 0))))
+
+    expected = [1 - total(np.delete(B, k, axis=1)) / total(B) for k in range(3)]
+    np.testing.assert_allclose(_losses(A, B, C), expected, rtol=1e-7)
 
 
 def test_figures_are_json_and_name_units() -> None:

@@ -15,7 +15,10 @@ from flexbeams.controller.closed_loop import (
 from flexbeams.controller.plant_modes import PlantModes
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
+from flexbeams.plant.energy import discretise, energy_form
+from flexbeams.plant.galerkin import beam_model
 from tests.helpers import design_of
+from tests.oracles.examples import single_beam
 from tests.oracles.monolithic import largest_difference, plant_matrices, recursion_matrix, simulate
 
 SAMPLE = 2e-4
@@ -31,6 +34,22 @@ def oracle_poles(structure: str, basis: BasisName, integral_gain: float) -> Arra
     made = design_of(structure)
     matrix = recursion_matrix(made, plant_matrices(made.model(basis), SAMPLE), integral_gain)
     return np.asarray(np.log(np.linalg.eigvals(matrix).astype(complex)) / SAMPLE)
+
+
+@pytest.mark.parametrize("damping", [0.02, 30.0])
+def test_a_plant_is_sampled_as_by_its_exponential(damping: float) -> None:
+    """From its damped modes, and where some are overdamped."""
+    model = beam_model(single_beam(viscous_damping=damping), "segment", 5)
+    system, here = model.assemble(), sampled_plant(model, SAMPLE)
+    assert (here.eigenvalues is None) == (damping == 30.0)
+    form = energy_form(system.M, system.D, system.K, system.L)
+    A, B = discretise(form.A, form.B, SAMPLE)
+    np.testing.assert_allclose(np.poly(here.poles()), np.poly(np.linalg.eigvals(A)), rtol=0, atol=1e-9)
+    for count in (0, 1, 20, 3000):
+        for rows, outputs in ((model.deflection, here.H_pi), (model.strain, here.H_pm)):
+            expected = form.outputs(rows) @ np.linalg.matrix_power(A, count) @ B
+            found = outputs @ np.linalg.matrix_power(here.A, count) @ here.B
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("basis", ["clamped_free", "segment"])
