@@ -43,11 +43,16 @@ SOURCES = (
     *(
         UNITS / "numerics" / f"{name}.c"
         for name in (
+            "block_modes",
+            "cluster_vectors",
+            "coupled_modes",
             "eigenvectors",
             "exact_hold",
             "linear_algebra",
             "modal",
             "modal_build",
+            "mode_clusters",
+            "modes",
             "normal_number",
             "schur",
         )

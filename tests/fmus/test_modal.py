@@ -20,7 +20,19 @@ from tests.native.workshop import HARNESSES, STRICT, needs, needs_zig, run, work
 pytestmark = pytest.mark.native
 
 NUMERICS = HARNESSES.parents[1] / "fmus" / "native" / "numerics"
-SOURCES = ("schur.c", "eigenvectors.c", "modal_build.c", "modal.c", "exact_hold.c")
+SOURCES = (
+    "block_modes.c",
+    "cluster_vectors.c",
+    "coupled_modes.c",
+    "eigenvectors.c",
+    "exact_hold.c",
+    "linear_algebra.c",
+    "modal.c",
+    "modal_build.c",
+    "mode_clusters.c",
+    "modes.c",
+    "schur.c",
+)
 CRITICAL_CONDITION = 100.0  # above it the plant takes the dense form
 
 Array = NDArray[np.float64]
@@ -44,6 +56,7 @@ class System:
     B: Array
     C: Array
     rare: int = 0
+    blocks: Array | None = None  # number of each state's block, of a form that is built by them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +82,10 @@ def run_modal(
 ) -> Outcome:
     """The system after so many steps from `start`, inputs v at first and greater by `growth` after each step."""
     states, inputs, outputs = len(system.A), system.B.shape[1], len(system.C)
-    sizes = (states, inputs - system.rare, system.rare, outputs, step, steps)
+    blocks = np.zeros(states) if system.blocks is None else system.blocks
+    sizes = (states, inputs - system.rare, system.rare, outputs, step, steps, system.blocks is not None)
     vectors = [np.broadcast_to(a, size) for a, size in ((start, states), (v, inputs), (growth, inputs))]
-    arrays = [np.array(sizes), system.A, system.B, system.C, *vectors]
+    arrays = [np.array(sizes), system.A, blocks, system.B, system.C, *vectors]
     data = b"".join(np.ascontiguousarray(a, dtype=float).tobytes() for a in arrays)
     done = subprocess.run([*through, harness(*command)], input=data, capture_output=True, timeout=300, check=True)
     numbers = np.frombuffer(done.stdout)

@@ -1,8 +1,8 @@
 /* Runs the modal form on a linear system. Standard input, all doubles: states, held, rare and number of outputs, length
-   of step, number of steps; A, B, C row by row; x at the start, v, and what v grows by in each step (rare inputs behind
-   the held ones). Standard output, all doubles: condition, number of complex pairs, whether the step is in range; x and
-   y after the steps. With the argument "hold": groups of real part, imaginary part and step to the functions of
-   exact_hold.h, six doubles each. */
+   of step, number of steps, whether there are blocks; A, the block of each state, B, C, row by row; x at the start, v,
+   and what v grows by in each step (rare inputs behind the held ones). Standard output, all doubles: condition, number
+   of complex pairs, whether the step is in range; x and y after the steps. With the argument "hold": groups of real
+   part, imaginary part and step to the functions of exact_hold.h, six doubles each. */
 
 #include <math.h>
 #include <stdio.h>
@@ -71,7 +71,7 @@ int main(int count, char **arguments)
         abort();
     if (count > 1 && strcmp(arguments[1], "hold") == 0)
         return hold();
-    const double *const sizes = read_doubles(6);
+    const double *const sizes = read_doubles(7);
     const size_t states = (size_t)sizes[0];
     const size_t held = (size_t)sizes[1];
     const size_t rare = (size_t)sizes[2];
@@ -79,6 +79,7 @@ int main(int count, char **arguments)
     const double step = sizes[4];
     const size_t inputs = held + rare;
     double *const A = read_doubles(states * states);
+    const double *const block_of = read_doubles(states);
     const double *const B = read_doubles(states * inputs);
     const double *const C = read_doubles(outputs * states);
     double *const x = read_doubles(states);
@@ -86,7 +87,7 @@ int main(int count, char **arguments)
     const double *const growth = read_doubles(inputs);
     double *const scratch = doubles(modal_scratch_size(states));
     const Modal modal = modal_in(doubles(modal_size(states, held, rare, outputs)), states, held, rare, outputs);
-    const double condition = modal_build(&modal, A, B, C, scratch);
+    const double condition = modal_build(&modal, A, sizes[6] != 0.0 ? block_of : NULL, B, C, scratch);
     if (!(condition <= 1e6)) {
         write_doubles(&condition, 1);
         return 0;

@@ -5,12 +5,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "complex_number.h"
 #include "vectors.h"
-
-typedef struct {
-    double real;
-    double imaginary;
-} Complex;
 
 /* The entries of an eigenvector of T that are known so far, from the last one of its diagonal block up. */
 typedef struct {
@@ -34,11 +30,6 @@ static Complex complex_quotient(Complex a, Complex b, double least)
     const double square = (b.real * b.real + b.imaginary * b.imaginary) * size;
     return (Complex){(a.real * b.real + a.imaginary * b.imaginary) / square,
                      (a.imaginary * b.real - a.real * b.imaginary) / square};
-}
-
-static Complex complex_product(Complex a, Complex b)
-{
-    return (Complex){a.real * b.real - a.imaginary * b.imaginary, a.real * b.imaginary + a.imaginary * b.real};
 }
 
 static void set_entry(const Eigenvector *v, size_t i, Complex x)
@@ -178,19 +169,4 @@ NOT_INLINED void invert_eigenvectors(size_t n, const double *T, const double *X,
         divide_rows(n, X + begin * n + begin, end - begin, n - begin, inverse + begin * n + begin);
         end = begin;
     }
-}
-
-double eigenvalue_condition(size_t n, const double *T, const double *inverse)
-{
-    double largest = 0.0;
-    for (size_t begin = 0, end; begin < n; begin = end) {
-        end = end_of_block(n, T, begin);
-        double square = 0.0;
-        for (size_t i = begin; i < end; i++)
-            square += vector_product(n - begin, inverse + i * n + begin, inverse + i * n + begin);
-        square /= (double)(end - begin);
-        if (!(square <= largest)) /* NaN too */
-            largest = square;
-    }
-    return largest <= DBL_MAX ? sqrt(largest) : HUGE_VAL;
 }

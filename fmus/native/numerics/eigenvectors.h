@@ -14,8 +14,5 @@ INTERNAL void schur_eigenvectors(size_t n, const double *T, double *X, double *r
                                  double *scratch);
 /* X^-1 (n, n) */
 INTERNAL void invert_eigenvectors(size_t n, const double *T, const double *X, double *inverse);
-/* The largest condition number of an eigenvalue, |v| |w| / |w' v| of its right and left vectors, by which rounding
-   errors grow: 1 where T is normal, HUGE_VAL where it has no inverse X^-1. */
-INTERNAL double eigenvalue_condition(size_t n, const double *T, const double *inverse);
 
 #endif

@@ -49,12 +49,13 @@ LinearSystem linear_system_in(double *memory, double *scratch, size_t states, si
     return system;
 }
 
-NOT_INLINED void linear_system_build(const LinearSystem *system, const double *A, const double *B, const double *C)
+NOT_INLINED void linear_system_build(const LinearSystem *system, const double *A, const double *blocks, const double *B,
+                                     const double *C)
 {
     const size_t n = system->states;
     double *const copy = system->scratch;
     memcpy(copy, A, n * n * sizeof *A);
-    const bool is_dense = !(modal_build(&system->modal, copy, B, C, copy + n * n) <= LARGEST_CONDITION);
+    const bool is_dense = !(modal_build(&system->modal, copy, blocks, B, C, copy + n * n) <= LARGEST_CONDITION);
     system->facts[IS_DENSE] = is_dense;
     system->facts[PREPARED_STEP] = 0.0;
     if (!is_dense)

@@ -32,9 +32,10 @@ INTERNAL size_t linear_system_scratch_size(size_t states, size_t held, size_t ra
 INTERNAL LinearSystem linear_system_in(double *memory, double *scratch, size_t states, size_t held, size_t rare,
                                        size_t outputs);
 
-/* Takes A (states, states), finite, B (states, held + rare) and C (outputs, states), which lie outside the scratch
-   memory. */
-INTERNAL void linear_system_build(const LinearSystem *system, const double *A, const double *B, const double *C);
+/* Takes A (states, states), finite, `blocks` (states,) as in modal_build.h, B (states, held + rare) and C (outputs,
+   states), which lie outside the scratch memory. */
+INTERNAL void linear_system_build(const LinearSystem *system, const double *A, const double *blocks, const double *B,
+                                  const double *C);
 /* z (slots, columns) of X (states, columns) outside the scratch memory, which is as linear_system_build left it. */
 INTERNAL void linear_system_coordinates(const LinearSystem *system, size_t columns, const double *X, double *z);
 

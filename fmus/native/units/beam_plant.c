@@ -89,7 +89,7 @@ static bool build_plant(UnitInstance *unit)
     if (!compute_plant_matrices(unit, &matrices))
         return false;
     const LinearSystem system = system_of(unit, &at);
-    linear_system_build(&system, matrices.A, matrices.B, matrices.C);
+    linear_system_build(&system, matrices.A, matrices.blocks, matrices.B, matrices.C);
     linear_system_coordinates(&system, plant->patches, matrices.rest, unit->workspace + at.rest);
     fill_panels(plant->stations, plant->coordinates, matrices.stations, plant->coordinates,
                 unit->workspace + at.station_panels);

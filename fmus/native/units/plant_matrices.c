@@ -18,7 +18,7 @@ size_t plant_matrices_size(const BeamPlantData *plant)
 {
     const size_t n = plant->coordinates;
     const size_t results =
-        4 * n + 2 * input_count(plant) + 2 * (plant->points + plant->gauges) + plant->stations + 2 * plant->patches;
+        4 * n + 2 * input_count(plant) + 2 * (plant->points + plant->gauges) + plant->stations + 2 * plant->patches + 2;
     const size_t assembly = 4 * n + plant->patches + 2 * row_count(plant);
     return n * (results + assembly);
 }
@@ -31,7 +31,8 @@ PlantMatrices plant_matrices_in(double *memory, const BeamPlantData *plant)
     matrices.C = matrices.B + 2 * n * input_count(plant);
     matrices.stations = matrices.C + 2 * n * (plant->points + plant->gauges);
     matrices.rest = matrices.stations + n * plant->stations;
-    matrices.scratch = matrices.rest + 2 * n * plant->patches;
+    matrices.blocks = matrices.rest + 2 * n * plant->patches;
+    matrices.scratch = matrices.blocks + 2 * n;
     return matrices;
 }
 
@@ -171,6 +172,24 @@ void differentiate_rest(const UnitInstance *unit, const PlantMatrices *matrices,
     multiply_matrices(plant->points + plant->gauges, n, 1, from.rows + n * row_count(plant), load, y);
 }
 
+/* A block of M begins at each row from which on no row reaches further left. */
+static void find_blocks(size_t n, const double *R_M, double *blocks)
+{
+    size_t leftmost = n;
+    for (size_t i = n; i-- > 0;) {
+        size_t first = 0;
+        while (first < i && R_M[i * n + first] == 0.0)
+            first++;
+        leftmost = first < leftmost ? first : leftmost;
+        blocks[i] = leftmost == i ? 1.0 : 0.0;
+    }
+    double number = -1.0;
+    for (size_t i = 0; i < n; i++) {
+        number += blocks[i];
+        blocks[i] = blocks[n + i] = number;
+    }
+}
+
 static bool check_parameters(UnitInstance *unit)
 {
     const BeamPlantData *const plant = unit->data;
@@ -197,6 +216,7 @@ NOT_INLINED bool compute_plant_matrices(UnitInstance *unit, const PlantMatrices 
         return unit_refuse(unit, refusal, "mass");
     if (!cholesky(n, assembly.R_K))
         return unit_refuse(unit, refusal, "stiffness");
+    find_blocks(n, assembly.R_M, matrices->blocks);
     compute_dynamics(n, &assembly, matrices->A);
     compute_inputs(plant, &assembly, matrices->B, matrices->rest);
     compute_outputs(plant, &assembly, matrices);

@@ -14,6 +14,7 @@ typedef struct {
     double *C;        /* (points + gauges, 2n) */
     double *stations; /* (stations, n): w of x's first half */
     double *rest;     /* (2n, patches): x at rest under u */
+    double *blocks;   /* (2n,): number of the block of M, a beam, that each state belongs to */
     double *scratch;
 } PlantMatrices;
 

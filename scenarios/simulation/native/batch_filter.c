@@ -57,7 +57,7 @@ bool open_filter(Batch *batch)
     }
     for (size_t i = 0; i < rows; i++)
         memcpy(C + i * even, c->regulator + i * (states + s->voltages), states * sizeof *C);
-    if (!(modal_build(&modal, A, B, C, scratch) <= LARGEST_CONDITION))
+    if (!(modal_build(&modal, A, NULL, B, C, scratch) <= LARGEST_CONDITION))
         return false;
     for (size_t p = 0; p < batch->sizes.filter_states / 2; p++)
         for (size_t member = 0; member < 2; member++)

@@ -45,7 +45,7 @@ static bool set_plant(Batch *batch, size_t lane, double *values)
     if (!read_modes(batch->modes, &batch->plant, lane, &at.modal, at.rest)) {
         const PlantMatrices *const m = &at.matrices;
         if (!compute_matrices(batch, values, m) ||
-            !(modal_build(&at.modal, m->A, m->B, m->C, at.scratch) <= LARGEST_CONDITION))
+            !(modal_build(&at.modal, m->A, m->blocks, m->B, m->C, at.scratch) <= LARGEST_CONDITION))
             return false;
         modal_coordinates(&at.modal, batch->plant.patches, m->rest, at.rest, at.scratch);
     }
