@@ -1,11 +1,13 @@
 """Frequency responses of linear systems by one decomposition, which every frequency shares."""
 
+import warnings
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import matrix_balance, schur, solve_triangular
+from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, matrix_balance, schur, solve_triangular
+from scipy.linalg.lapack import zgecon
 
 from flexbeams.plant.basis import Array
 
@@ -106,10 +108,11 @@ def resolvent(A: Array, B: Array, C: Array) -> Resolvent:
     """The modal form where the eigenvectors of A allow it, in balanced coordinates, else the Schur form."""
     balanced, scale = _balanced(A)
     poles, vectors = np.linalg.eig(balanced)
-    inverse = _inverse(vectors)
-    if inverse is None:
+    factors = _factors(vectors)
+    if factors is None:
         return SchurForm.of(A, B, C)
-    return ModalForm(poles.astype(np.complex128), inverse @ (B / scale[:, None]), (C * scale) @ vectors)
+    inputs = lu_solve(factors, (B / scale[:, None]).astype(np.complex128))
+    return ModalForm(poles.astype(np.complex128), inputs, (C * scale) @ vectors)
 
 
 def _balanced(A: Array) -> tuple[Array, Array]:
@@ -118,11 +121,9 @@ def _balanced(A: Array) -> tuple[Array, Array]:
     return balanced, np.diag(scaling)
 
 
-def _inverse(vectors: Complex) -> Complex | None:
-    """Inverse of a matrix of eigenvectors; None where it is too ill-conditioned."""
-    try:
-        inverse = np.linalg.inv(vectors)
-    except np.linalg.LinAlgError:
-        return None
-    condition = np.linalg.norm(vectors, 1) * np.linalg.norm(inverse, 1)
-    return np.asarray(inverse, dtype=np.complex128) if condition < _LARGEST_CONDITION else None
+def _factors(vectors: Complex) -> tuple[Complex, NDArray[np.intp]] | None:
+    """LU factors of a matrix of eigenvectors; None where it is too ill-conditioned."""
+    with warnings.catch_warnings(action="ignore", category=LinAlgWarning):  # of one that is singular
+        lu, pivots = lu_factor(vectors.astype(np.complex128))
+    inverse_condition, _ = zgecon(lu, np.linalg.norm(vectors, 1))
+    return (lu, pivots) if inverse_condition * _LARGEST_CONDITION > 1 else None
