@@ -65,6 +65,10 @@ class FigureProcess:
 
 def serve() -> None:
     """Draws one list of plots."""
+    from matplotlib.artist import Artist
+
+    # Help texts of `Artist.set`, which nobody reads in this process, are a third of the time to import matplotlib
+    Artist._update_set_signature_and_docstring = classmethod(lambda cls: None)  # type: ignore[attr-defined]
     from flexbeams.scenarios.report.figures import drawn_figures
 
     drawn = drawn_figures(pickle.load(sys.stdin.buffer))
