@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "pair.h"
+#include "vectors.h"
 
 size_t panels_size(size_t rows, size_t columns)
 {
@@ -99,14 +99,17 @@ bool cholesky(size_t n, double *A)
 {
     for (size_t j = 0; j < n; j++) {
         double *const row = A + j * n;
-        for (size_t i = 0; i < j; i++) {
+        size_t first = 0;
+        while (first < j && row[first] == 0.0)
+            first++;
+        for (size_t i = first; i < j; i++) {
             double sum = row[i];
-            for (size_t k = 0; k < i; k++)
+            for (size_t k = first; k < i; k++)
                 sum -= row[k] * A[i * n + k];
             row[i] = sum / A[i * n + i];
         }
         double pivot = row[j];
-        for (size_t k = 0; k < j; k++)
+        for (size_t k = first; k < j; k++)
             pivot -= row[k] * row[k];
         if (!(pivot > 0.0 && pivot <= DBL_MAX))
             return false;
@@ -122,8 +125,8 @@ void solve_lower(size_t n, size_t columns, const double *L, double *B)
     for (size_t i = 0; i < n; i++) {
         double *const row = B + i * columns;
         for (size_t k = 0; k < i; k++)
-            for (size_t j = 0; j < columns; j++)
-                row[j] -= L[i * n + k] * B[k * columns + j];
+            if (L[i * n + k] != 0.0)
+                vector_add_scaled(columns, -L[i * n + k], B + k * columns, row);
         for (size_t j = 0; j < columns; j++)
             row[j] /= L[i * n + i];
     }

@@ -27,7 +27,8 @@ INTERNAL void multiply_panels_twice(size_t rows, size_t columns, const double *p
 INTERNAL void multiply_matrices(size_t rows, size_t inner, size_t columns, const double *A, const double *B, double *C);
 /* `transposed` (columns, rows) = A', A (rows, columns) apart from it. */
 INTERNAL void transpose(size_t rows, size_t columns, const double *A, double *transposed);
-/* L with A = L L' in place of A (n, n), zeros above the diagonal; false where A is not positive definite. */
+/* L with A = L L' in place of A (n, n), zeros above the diagonal; false where A is not positive definite. Zeros at the
+   beginning of rows take no time, nor do zeros of L below. */
 INTERNAL bool cholesky(size_t n, double *A);
 /* X with L X = B in place of B (n, columns); L (n, n) lower triangular. */
 INTERNAL void solve_lower(size_t n, size_t columns, const double *L, double *B);
