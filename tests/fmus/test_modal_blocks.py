@@ -1,15 +1,17 @@
 """The modal form built by blocks: chains of beams of any kind step as by their exponential."""
 
+import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
 from flexbeams.plant.energy import energy_form
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-from tests.fmus.test_modal import CRITICAL_CONDITION, Array, Outcome, System, difference, run_dense, run_modal
+from tests.fmus.test_modal import CRITICAL_CONDITION, Array, Outcome, System, difference, harness, run_dense, run_modal
 from tests.native.workshop import needs
 from tests.oracles.chains import chain_of_beams
 
@@ -79,6 +81,19 @@ def inputs(system: System) -> Array:
 
 def start(system: System) -> Array:
     return np.sin(np.arange(len(system.A)))
+
+
+def test_blocks_are_those_of_a_lower_triangle() -> None:
+    """Blocks of any size, of which a row has an entry beside the diagonal at least."""
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        sizes = rng.integers(1, 6, 5)
+        full = block_diag(*[np.ones((size, size)) for size in sizes])
+        chains = np.where(rng.random(full.shape) < 0.3, full, 0.0) + np.diag(np.diag(full, -1), -1)
+        L = np.tril(chains, -1) + np.eye(len(full))
+        data = np.concatenate([[len(L)], L.ravel()]).tobytes()
+        done = subprocess.run([harness("gcc", "-O2"), "blocks"], input=data, capture_output=True, check=True)
+        assert np.array_equal(np.frombuffer(done.stdout), np.repeat(np.arange(5.0), sizes))
 
 
 def check(system: System) -> Outcome:

@@ -2,7 +2,8 @@
    of step, number of steps, whether there are blocks; A, the block of each state, B, C, row by row; x at the start, v,
    and what v grows by in each step (rare inputs behind the held ones). Standard output, all doubles: condition, number
    of complex pairs, whether the step is in range; x and y after the steps. With the argument "hold": groups of real
-   part, imaginary part and step to the functions of exact_hold.h, six doubles each. */
+   part, imaginary part and step to the functions of exact_hold.h, six doubles each. With the argument "blocks": n and a
+   matrix (n, n) to the block of each row. */
 
 #include <math.h>
 #include <stdio.h>
@@ -10,6 +11,7 @@
 #include <string.h>
 
 #include "exact_hold.h"
+#include "linear_algebra.h"
 #include "modal.h"
 #include "modal_build.h"
 
@@ -44,6 +46,17 @@ static void write_doubles(const double *memory, size_t count)
         abort();
 }
 
+static int number(void)
+{
+    const double *const size = read_doubles(1);
+    const size_t n = (size_t)size[0];
+    const double *const L = read_doubles(n * n);
+    double *const blocks_of_rows = doubles(n);
+    number_blocks(n, L, blocks_of_rows);
+    write_doubles(blocks_of_rows, n);
+    return 0;
+}
+
 static int hold(void)
 {
     double argument[3];
@@ -71,6 +84,8 @@ int main(int count, char **arguments)
         abort();
     if (count > 1 && strcmp(arguments[1], "hold") == 0)
         return hold();
+    if (count > 1 && strcmp(arguments[1], "blocks") == 0)
+        return number();
     const double *const sizes = read_doubles(7);
     const size_t states = (size_t)sizes[0];
     const size_t held = (size_t)sizes[1];

@@ -120,6 +120,23 @@ bool cholesky(size_t n, double *A)
     return true;
 }
 
+void number_blocks(size_t n, const double *L, double *blocks)
+{
+    size_t leftmost = n; /* of this row and those below */
+    for (size_t i = n; i-- > 0;) {
+        size_t first = 0;
+        while (first < i && L[i * n + first] == 0.0)
+            first++;
+        leftmost = first < leftmost ? first : leftmost;
+        blocks[i] = leftmost == i ? 1.0 : 0.0; /* does a block begin? */
+    }
+    double number = -1.0;
+    for (size_t i = 0; i < n; i++) {
+        number += blocks[i];
+        blocks[i] = number;
+    }
+}
+
 void solve_lower(size_t n, size_t columns, const double *L, double *B)
 {
     for (size_t i = 0; i < n; i++) {

@@ -30,6 +30,8 @@ INTERNAL void transpose(size_t rows, size_t columns, const double *A, double *tr
 /* L with A = L L' in place of A (n, n), zeros above the diagonal; false where A is not positive definite. Zeros at the
    beginning of rows take no time, nor do zeros of L below. */
 INTERNAL bool cholesky(size_t n, double *A);
+/* Of each row the number, from 0 on, of the diagonal block of L (n, n), lower triangular, that it belongs to. */
+INTERNAL void number_blocks(size_t n, const double *L, double *blocks);
 /* X with L X = B in place of B (n, columns); L (n, n) lower triangular. */
 INTERNAL void solve_lower(size_t n, size_t columns, const double *L, double *B);
 /* x with L' x = b in place of b (n,); L (n, n) lower triangular. */

@@ -172,24 +172,6 @@ void differentiate_rest(const UnitInstance *unit, const PlantMatrices *matrices,
     multiply_matrices(plant->points + plant->gauges, n, 1, from.rows + n * row_count(plant), load, y);
 }
 
-/* A block of M begins at each row from which on no row reaches further left. */
-static void find_blocks(size_t n, const double *R_M, double *blocks)
-{
-    size_t leftmost = n;
-    for (size_t i = n; i-- > 0;) {
-        size_t first = 0;
-        while (first < i && R_M[i * n + first] == 0.0)
-            first++;
-        leftmost = first < leftmost ? first : leftmost;
-        blocks[i] = leftmost == i ? 1.0 : 0.0;
-    }
-    double number = -1.0;
-    for (size_t i = 0; i < n; i++) {
-        number += blocks[i];
-        blocks[i] = blocks[n + i] = number;
-    }
-}
-
 static bool check_parameters(UnitInstance *unit)
 {
     const BeamPlantData *const plant = unit->data;
@@ -216,7 +198,8 @@ NOT_INLINED bool compute_plant_matrices(UnitInstance *unit, const PlantMatrices 
         return unit_refuse(unit, refusal, "mass");
     if (!cholesky(n, assembly.R_K))
         return unit_refuse(unit, refusal, "stiffness");
-    find_blocks(n, assembly.R_M, matrices->blocks);
+    number_blocks(n, assembly.R_M, matrices->blocks);
+    memcpy(matrices->blocks + n, matrices->blocks, n * sizeof *matrices->blocks);
     compute_dynamics(n, &assembly, matrices->A);
     compute_inputs(plant, &assembly, matrices->B, matrices->rest);
     compute_outputs(plant, &assembly, matrices);
