@@ -9,6 +9,7 @@ alpha = 1 / max mu(S - I / 2).
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -162,6 +163,7 @@ def _constant(sensitivity: complex) -> float:
 
 def _crossings(function: Callable[[float], float], omega: Array, values: Array) -> Iterator[float]:
     """Zeros of a function with known values on a grid; poles, where the sign changes at infinity, are left out."""
+    function = cache(function)  # the search begins with both ends again
     for i in np.flatnonzero(values[:-1] * values[1:] < 0):
         low, high = float(omega[i]), float(omega[i + 1])
         if function(low) * function(high) >= 0:  # zero but for rounding at one of them

@@ -79,6 +79,6 @@ def design(
         note(f"report written to {report}")
     if as_json:
         everything = {"design_id": computed.design_id, **computed.summary, **analysis.figures()}
-        click.echo(orjson.dumps(everything, option=orjson.OPT_INDENT_2))
+        click.echo(orjson.dumps(everything, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE), nl=False)
     else:
         show_design(analysis)
