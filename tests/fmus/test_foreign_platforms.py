@@ -35,6 +35,7 @@ from tests.native.workshop import (
 
 pytestmark = [
     pytest.mark.native,
+    pytest.mark.timeout(900),  # a machine's first test compiles zig's C libraries of all platforms
     pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="this is not x86-64 Linux"),
 ]
 LINUX = "x86_64-linux"
