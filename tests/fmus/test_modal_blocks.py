@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
+from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import energy_form
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.structure import Structure, find_structure, read_structure
@@ -60,9 +61,9 @@ AS_A_WHOLE = {
 }
 
 
-def plant(structure: Structure) -> System:
+def plant(structure: Structure, basis: BasisName = "segment", order: int = 5) -> System:
     """In energy coordinates; a block is a beam."""
-    model = beam_model(structure, "segment", 5)
+    model = beam_model(structure, basis, order)
     matrices = model.assemble()
     form = energy_form(matrices.M, matrices.D, matrices.K, np.hstack([matrices.L, matrices.F]))
     beams = connected_components(matrices.M)[1]
@@ -163,7 +164,23 @@ def test_every_compiler_gives_the_same_bits(command: tuple[str, ...]) -> None:
     assert bits(command) == bits(("gcc", "-O2"))
 
 
+SANITIZED = ("clang", "-O0", "-gline-tables-only", "-fsanitize=address,undefined,float-cast-overflow")
+SANITIZED += ("-fno-sanitize-recover=all",)
+
+
 @needs("clang")
 def test_no_undefined_behaviour() -> None:
-    flags = ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
-    assert bits(("clang", "-O0", "-gline-tables-only", *flags)) == bits(("gcc", "-O2"))
+    assert bits(SANITIZED) == bits(("gcc", "-O2"))
+
+
+@needs("clang")
+@pytest.mark.parametrize("beams", [2, 3, 4])
+def test_few_beams_of_few_modes(beams: int) -> None:
+    """The memory that is enough for the whole may not be enough for blocks; springs may be missing."""
+    for order in range(1, 14):
+        for structure in (repeated(beams, 1), repeated(beams, beams)):
+            for springs in ([], *(with_springs(structure, factor).spring for factor in (1.0, 1e-2, 1e-6))):
+                system = plant(replace(structure, spring=springs), "clamped_free", order)
+                outcome = run_modal(system, STEP, 5, inputs(system), start=start(system), command=SANITIZED)
+                reference = run_dense(system, STEP, 5, inputs(system), start=start(system))
+                assert difference(outcome.x, reference) < 1e-12, (order, len(springs))

@@ -13,12 +13,15 @@ typedef struct {
     size_t left; /* doubles */
 } Pool;
 
-/* NULL where no more than that is left. */
+/* NULL where less is left. Then the pool is used up, whatever is asked of it later: of several pieces the last one
+   tells whether all were there. */
 INTERNAL_INLINE double *take_doubles(Pool *pool, size_t count)
 {
     double *const taken = pool->next;
-    if (count > pool->left)
+    if (taken == NULL || count > pool->left) {
+        *pool = (Pool){.next = NULL, .left = 0};
         return NULL;
+    }
     pool->next += count;
     pool->left -= count;
     return taken;
