@@ -68,7 +68,7 @@ def test_skeletons_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: 
         (["rig"], "NAME must be a new file, got 'rig.toml'"),
         (["none/rig"], "NAME must be in a folder that exists"),
         (['a"b'], "NAME must be a name of printable characters"),
-        *(([name], "NAME must end with the name of a file") for name in ("/", ".", "..", "", ".toml")),
+        *(([name], "NAME must end with the name of a file") for name in ("/", ".", "..", "...", "", ".toml")),
     ):
         assert main(["new", "structure", *arguments]) == 2
         assert message in capsys.readouterr().err
