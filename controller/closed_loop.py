@@ -40,7 +40,10 @@ class SampledPlant:
 
 
 def sampled_plant(model: BeamModel, step: float, parameters: dict[str, float] | None = None) -> SampledPlant:
-    """The full plant, exact for voltages held over `step` s; `parameters` in place of the structure's."""
+    """The full plant, exact for voltages held over `step` s; `parameters` in place of the structure's.
+
+    Raises DesignError where these make its mass or stiffness matrix not positive definite.
+    """
     system = model.assemble(parameters)
     if plant := _modal_plant(model, system, step):
         return plant

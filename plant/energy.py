@@ -26,19 +26,24 @@ class EnergyForm:
         return np.hstack([rows @ self.position, np.zeros_like(rows)])
 
 
-def energy_form(M: Array, D: Array, K: Array, inputs: Array) -> EnergyForm:
-    """The energy form of M q'' + D q' + K q = inputs v, with M, D, K (n, n) and inputs (n, m).
-
-    Raises DesignError where M or K is not positive definite.
-    """
-    n = len(M)
+def cholesky_factors(M: Array, K: Array) -> tuple[Array, Array]:
+    """Lower Cholesky factors R_M and R_K (n, n). Raises DesignError where M or K is not positive definite."""
     factors = []
     for name, matrix in (("mass", M), ("stiffness", K)):
         try:
             factors.append(cholesky(matrix, lower=True))
         except (np.linalg.LinAlgError, ValueError):
             raise DesignError(f"the {name} matrix is not positive definite: check the structure's parameters") from None
-    mass, stiffness = factors
+    return factors[0], factors[1]
+
+
+def energy_form(M: Array, D: Array, K: Array, inputs: Array) -> EnergyForm:
+    """The energy form of M q'' + D q' + K q = inputs v, with M, D, K (n, n) and inputs (n, m).
+
+    Raises DesignError where M or K is not positive definite.
+    """
+    n = len(M)
+    mass, stiffness = cholesky_factors(M, K)
     coupling = solve_triangular(mass, stiffness, lower=True)  # R_M^-1 R_K
     half = solve_triangular(mass, D, lower=True)
     damping = solve_triangular(mass, half.T, lower=True)  # R_M^-1 D R_M^-T

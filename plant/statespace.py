@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import bandwidth, cho_factor, cho_solve, cholesky, solve_banded, solve_triangular, svd, svdvals
+from scipy.linalg import bandwidth, cho_factor, cho_solve, solve_banded, solve_triangular, svd, svdvals
 
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.damped_modes import ComplexArray, damped_eigenvalues
+from flexbeams.plant.energy import cholesky_factors
 from flexbeams.plant.galerkin import BeamModel
 
 
@@ -25,9 +26,9 @@ def undamped_frequencies(system: SecondOrderSystem) -> Array:
     """Natural frequencies in rad/s, ascending, shape (n,).
 
     Singular values of R_M^-1 R_K: squaring, as the eigenvalues of K and M would, loses half the digits of the
-    low frequencies of a stiff basis.
+    low frequencies of a stiff basis. Raises DesignError where M or K is not positive definite.
     """
-    mass, stiffness = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
+    mass, stiffness = cholesky_factors(system.M, system.K)
     frequencies: Array = svdvals(solve_triangular(mass, stiffness, lower=True))[::-1].copy()
     return frequencies
 
@@ -42,8 +43,11 @@ class Spectrum:
 
 
 def undamped_modes(system: SecondOrderSystem) -> tuple[Array, Array]:
-    """Natural frequencies (n,), rad/s, descending, and mass-normalised shapes, columns (n, n)."""
-    mass, stiffness = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
+    """Natural frequencies (n,), rad/s, descending, and mass-normalised shapes, columns (n, n).
+
+    Raises DesignError where M or K is not positive definite.
+    """
+    mass, stiffness = cholesky_factors(system.M, system.K)
     left, frequencies, _ = svd(solve_triangular(mass, stiffness, lower=True))
     shapes: Array = solve_triangular(mass, left, lower=True, trans="T")
     return frequencies, shapes

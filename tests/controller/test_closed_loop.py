@@ -16,6 +16,7 @@ from flexbeams.controller.plant_modes import PlantModes
 from flexbeams.plant.basis import Array
 from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import discretise, energy_form
+from flexbeams.plant.errors import DesignError
 from flexbeams.plant.galerkin import beam_model
 from tests.helpers import design_of
 from tests.oracles.examples import single_beam
@@ -34,6 +35,15 @@ def oracle_poles(structure: str, basis: BasisName, integral_gain: float) -> Arra
     made = design_of(structure)
     matrix = recursion_matrix(made, plant_matrices(made.model(basis), SAMPLE), integral_gain)
     return np.asarray(np.log(np.linalg.eigvals(matrix).astype(complex)) / SAMPLE)
+
+
+@pytest.mark.parametrize("value", [-1e12, np.nan])
+@pytest.mark.parametrize(
+    ("parameter", "matrix"), [("beam[1].density", "mass"), ("beam[1].youngs_modulus", "stiffness")]
+)
+def test_parameters_that_no_plant_has_are_refused(parameter: str, matrix: str, value: float) -> None:
+    with pytest.raises(DesignError, match=f"the {matrix} matrix is not positive definite"):
+        sampled_plant(beam_model(single_beam(), "segment", 5), SAMPLE, {parameter: value})
 
 
 @pytest.mark.parametrize("damping", [0.02, 30.0])
