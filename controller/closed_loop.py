@@ -4,7 +4,7 @@ Separation of filter and regulator holds for the reduced model only. Saturation 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,9 +49,7 @@ def sampled_plant(model: BeamModel, step: float, parameters: dict[str, float] | 
         return plant
     form = energy_form(system.M, system.D, system.K, system.L)
     A, B = discretise(form.A, form.B, step)
-    H_pi, H_pm = form.outputs(model.deflection), form.outputs(model.strain)
-    none = np.zeros((len(H_pi), B.shape[1])), np.zeros((len(H_pm), B.shape[1]))
-    return SampledPlant(A=A, B=B, H_pi=H_pi, H_pm=H_pm, D_pi=none[0], D_pm=none[1], step=step)
+    return _without_feedthrough(A, B, form.outputs(model.deflection), form.outputs(model.strain), step)
 
 
 def _modal_plant(model: BeamModel, system: SecondOrderSystem, step: float) -> SampledPlant | None:
@@ -59,29 +57,25 @@ def _modal_plant(model: BeamModel, system: SecondOrderSystem, step: float) -> Sa
 
     A consists of four diagonals. In thousands of states that is a tenth of the work of a matrix exponential.
     """
-    frequencies, shapes = undamped_modes(system)
-    modes = damped_modes(frequencies, shapes.T @ system.D @ shapes)
+    undamped = undamped_modes(system)
+    modes = damped_modes(undamped.frequencies, undamped.damping(system))
     if modes is None:
         return None
-    n, states = len(frequencies), modes.state_vectors()
-    loads = np.vstack([np.zeros_like(system.L), shapes.T @ system.L])
-    real, imaginary = np.split(np.linalg.solve(np.hstack([states.real, -states.imag]), loads), 2)
+    n, states = len(undamped.frequencies), modes.state_vectors()
+    rest = np.vstack([undamped.positions.T @ system.L, np.zeros_like(system.L)])
+    real, imaginary = np.split(np.linalg.solve(np.hstack([states.real, -states.imag]), rest), 2)
     growth = np.exp(modes.eigenvalues * step)
-    held = (np.expm1(modes.eigenvalues * step) / modes.eigenvalues)[:, None] * (real + 1j * imaginary)
+    held = -np.expm1(modes.eigenvalues * step)[:, None] * (real + 1j * imaginary)  # the way to rest that a step goes
     A = np.block([[np.diag(growth.real), np.diag(-growth.imag)], [np.diag(growth.imag), np.diag(growth.real)]])
-    outputs = [rows @ (shapes / frequencies) @ states[:n] for rows in (model.deflection, model.strain)]
+    outputs = [rows @ undamped.positions @ states[:n] for rows in (model.deflection, model.strain)]
     H_pi, H_pm = (np.hstack([parts.real, -parts.imag]) for parts in outputs)
-    none = [np.zeros((len(H), loads.shape[1])) for H in (H_pi, H_pm)]
-    return SampledPlant(
-        A=A,
-        B=np.vstack([held.real, held.imag]),
-        H_pi=H_pi,
-        H_pm=H_pm,
-        D_pi=none[0],
-        D_pm=none[1],
-        step=step,
-        eigenvalues=np.concatenate([growth, growth.conj()]),
-    )
+    plant = _without_feedthrough(A, np.vstack([held.real, held.imag]), H_pi, H_pm, step)
+    return replace(plant, eigenvalues=np.concatenate([growth, growth.conj()]))
+
+
+def _without_feedthrough(A: Array, B: Array, H_pi: Array, H_pm: Array, step: float) -> SampledPlant:
+    D_pi, D_pm = (np.zeros((len(H), B.shape[1])) for H in (H_pi, H_pm))
+    return SampledPlant(A=A, B=B, H_pi=H_pi, H_pm=H_pm, D_pi=D_pi, D_pm=D_pm, step=step)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,12 +59,16 @@ def damped_eigenvalues(frequencies: Array, damping: Array) -> tuple[ComplexArray
     return oscillating[np.argsort(np.abs(oscillating))], np.sort(values[values.imag == 0].real)[::-1]
 
 
+def modal_matrix(frequencies: Array, damping: Array) -> Array:
+    """A (2 n, 2 n) of the state (diag(frequencies) eta, eta')."""
+    rates = np.diag(frequencies)
+    return np.block([[np.zeros_like(rates), rates], [-rates, -damping]])
+
+
 def _by_qr_iteration(frequencies: Array, damping: Array) -> ComplexArray:
     """All eigenvalues of any damping; fast modes first, in which order small eigenvalues keep their digits."""
-    n, coupling = len(frequencies), np.diag(frequencies)
-    A = np.block([[np.zeros((n, n)), coupling], [-coupling, -damping]])
     order = np.argsort(-np.tile(frequencies, 2), kind="stable")
-    return np.linalg.eigvals(A[np.ix_(order, order)]).astype(np.complex128)
+    return np.linalg.eigvals(modal_matrix(frequencies, damping)[np.ix_(order, order)]).astype(np.complex128)
 
 
 class _Iteration:

@@ -42,22 +42,38 @@ class Spectrum:
     real: Array  # (2 n - 2 k,), 1/s
 
 
-def undamped_modes(system: SecondOrderSystem) -> tuple[Array, Array]:
-    """Natural frequencies (n,), rad/s, descending, and mass-normalised shapes, columns (n, n).
+@dataclass(frozen=True, kw_only=True)
+class UndampedModes:
+    """Modes eta of a system without damping, from the fastest to the slowest: q = shapes eta."""
+
+    frequencies: Array  # (n,), rad/s
+    shapes: Array  # (n, n), mass-normalised, in columns
+    positions: Array  # (n, n): shapes / frequencies, with the digits that statics need
+
+    def damping(self, system: SecondOrderSystem) -> Array:
+        """Damping matrix (n, n), 1/s, of the modes."""
+        return np.asarray(self.shapes.T @ system.D @ self.shapes, dtype=np.float64)
+
+
+def undamped_modes(system: SecondOrderSystem) -> UndampedModes:
+    """By U, Omega, V' = R_M^-1 R_K: shapes R_M^-T U and positions R_K^-T V.
 
     Raises DesignError where M or K is not positive definite.
     """
     mass, stiffness = cholesky_factors(system.M, system.K)
-    left, frequencies, _ = svd(solve_triangular(mass, stiffness, lower=True))
-    shapes: Array = solve_triangular(mass, left, lower=True, trans="T")
-    return frequencies, shapes
+    left, frequencies, right = svd(solve_triangular(mass, stiffness, lower=True))
+    return UndampedModes(
+        frequencies=frequencies,
+        shapes=solve_triangular(mass, left, lower=True, trans="T"),
+        positions=solve_triangular(stiffness, right.T, lower=True, trans="T"),
+    )
 
 
 def spectrum_of(system: SecondOrderSystem) -> Spectrum:
     """The spectrum with and without damping."""
-    frequencies, shapes = undamped_modes(system)
-    oscillating, real = damped_eigenvalues(frequencies, shapes.T @ system.D @ shapes)
-    return Spectrum(frequencies=frequencies[::-1].copy(), oscillating=oscillating, real=real)
+    undamped = undamped_modes(system)
+    oscillating, real = damped_eigenvalues(undamped.frequencies, undamped.damping(system))
+    return Spectrum(frequencies=undamped.frequencies[::-1].copy(), oscillating=oscillating, real=real)
 
 
 def static_gains(model: BeamModel, system: SecondOrderSystem) -> tuple[Array, Array]:

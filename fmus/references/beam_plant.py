@@ -6,8 +6,9 @@ from flexbeams.controller.design import Design
 from flexbeams.fmus.references.experiments import Experiment, Series, alternating, jumps, names_of
 from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
-from flexbeams.plant.damped_modes import ComplexArray, damped_modes
+from flexbeams.plant.damped_modes import ComplexArray, damped_modes, modal_matrix
 from flexbeams.plant.galerkin import BeamModel
+from flexbeams.plant.statespace import undamped_modes
 
 
 def plant_experiments(design: Design, model: BeamModel) -> list[Experiment]:
@@ -70,17 +71,15 @@ def plant_response(
     matrix, x(t) = x(start) + Re W (exp(Lambda (t - start)) - 1) z with Re W z = x(start) - x_s. At the first start it
     is at rest under the voltages given (n_u,).
     """
-    from scipy.linalg import cholesky, lu_factor, lu_solve, solve_triangular, svd  # only units that are built need it
+    from scipy.linalg import lu_factor, lu_solve  # only units that are built need it
 
     n, n_u = system.L.shape
-    R_M, R_K = cholesky(system.M, lower=True), cholesky(system.K, lower=True)
-    U, omega, Vt = svd(solve_triangular(R_M, R_K, lower=True))  # q = R_K^-T V (Omega eta)
-    shapes = solve_triangular(R_M, U, lower=True, trans="T")  # q' = R_M^-T U eta'
-    eigenvalues, W = _eigenvectors(omega, shapes.T @ system.D @ shapes)
+    undamped = undamped_modes(system)
+    eigenvalues, W = _eigenvectors(undamped.frequencies, undamped.damping(system))
     pairs = np.flatnonzero(eigenvalues.imag)
     factors = lu_factor(np.hstack([W.real, -W[:, pairs].imag]))
-    outputs = rows @ solve_triangular(R_K, Vt.T, lower=True, trans="T")
-    rest = Vt @ solve_triangular(R_K, np.hstack([system.L, system.F]), lower=True)
+    outputs = rows @ undamped.positions  # of Omega eta
+    rest = undamped.positions.T @ np.hstack([system.L, system.F])
     x, z = np.zeros(2 * n), np.zeros(len(eigenvalues), dtype=np.complex128)
     if at_rest_under is not None:
         x[:n] = rest[:, :n_u] @ at_rest_under
@@ -101,7 +100,6 @@ def _eigenvectors(omega: Array, damping: Array) -> tuple[ComplexArray, ComplexAr
     """Of [[0, diag(omega)], [-diag(omega), -damping]]: eigenvalues (m,), one of each pair, and vectors (2 n, m)."""
     if modes := damped_modes(omega, damping):
         return modes.eigenvalues, modes.state_vectors()
-    rates = np.diag(omega)
-    values, vectors = np.linalg.eig(np.block([[np.zeros_like(rates), rates], [-rates, -damping]]))
+    values, vectors = np.linalg.eig(modal_matrix(omega, damping))
     one_of_each = values.imag >= 0
     return values[one_of_each].astype(np.complex128), vectors[:, one_of_each].astype(np.complex128)
