@@ -39,6 +39,15 @@ static size_t block_size(const BlockModes *modes, size_t block)
     return modes->begin[block + 1] - modes->begin[block];
 }
 
+/* Where the matrices of a block begin behind those of the blocks before it; of the number of blocks: their size. */
+static size_t matrix_begin(const BlockModes *modes, size_t block)
+{
+    size_t begin = 0;
+    for (size_t b = 0; b < block; b++)
+        begin += block_size(modes, b) * block_size(modes, b);
+    return begin;
+}
+
 /* The part of A, scaled, in the rows of one block and the columns of another; is any entry not 0? */
 static bool copy_part(const BlockModes *modes, const double *A, size_t to, size_t from, double *part)
 {
@@ -54,18 +63,16 @@ static bool copy_part(const BlockModes *modes, const double *A, size_t to, size_
 /* Modes of each block. */
 static bool diagonalise_blocks(BlockModes *modes, const double *A, Pool *pool)
 {
-    size_t squares = 0;
-    for (size_t b = 0; b < modes->blocks; b++)
-        squares += block_size(modes, b) * block_size(modes, b);
+    const size_t squares = matrix_begin(modes, modes->blocks);
     modes->real = take_doubles(pool, modes->n);
     modes->imaginary = take_doubles(pool, modes->n);
     modes->transposed_V = take_doubles(pool, squares);
     modes->inverse_V = take_doubles(pool, squares);
     if (modes->inverse_V == NULL)
         return false;
-    size_t position = 0;
     for (size_t b = 0; b < modes->blocks; b++) {
         const size_t size = block_size(modes, b);
+        const size_t position = matrix_begin(modes, b);
         Pool rest = *pool;
         double *const part = take_doubles(&rest, size * size);
         double *const scratch = take_doubles(&rest, modes_scratch_size(size));
@@ -79,7 +86,6 @@ static bool diagonalise_blocks(BlockModes *modes, const double *A, Pool *pool)
         copy_part(modes, A, b, b, part);
         if (!find_dense_modes(&own, part, scratch) || !(eigenvalue_condition(&own) <= LARGEST_BASIS_CONDITION))
             return false;
-        position += size * size;
     }
     return true;
 }
@@ -99,12 +105,8 @@ static bool add_links(BlockModes *modes, size_t to, size_t from, size_t most, do
     const size_t columns = block_size(modes, from);
     double *const column = vectors;
     double *const row = vectors + rows;
-    size_t to_square = 0;
-    size_t from_square = 0;
-    for (size_t b = 0; b < modes->blocks; b++) {
-        to_square += b < to ? block_size(modes, b) * block_size(modes, b) : 0;
-        from_square += b < from ? block_size(modes, b) * block_size(modes, b) : 0;
-    }
+    const double *const to_inverse_V = modes->inverse_V + matrix_begin(modes, to);
+    const double *const from_transposed_V = modes->transposed_V + matrix_begin(modes, from);
     for (double first = 0.0;;) {
         size_t pivot = 0;
         for (size_t k = 1; k < rows * columns; k++)
@@ -124,9 +126,8 @@ static bool add_links(BlockModes *modes, size_t to, size_t from, size_t most, do
         const size_t link = modes->links++;
         modes->to_block[link] = to;
         modes->from_block[link] = from;
-        multiply_block(rows, modes->inverse_V + to_square, column, modes->to + link * modes->n + modes->begin[to]);
-        multiply_block(columns, modes->transposed_V + from_square, row,
-                       modes->from + link * modes->n + modes->begin[from]);
+        multiply_block(rows, to_inverse_V, column, modes->to + link * modes->n + modes->begin[to]);
+        multiply_block(columns, from_transposed_V, row, modes->from + link * modes->n + modes->begin[from]);
     }
 }
 

@@ -101,7 +101,7 @@ typedef struct {
 } Update;
 
 /* The entries of a pair's two vectors for one other mode, from those of E X - X N there. A pair of entries has a part
- * along (1, i) and one along (1, -i), eigenvectors of Lambda. */
+   along (1, i) and one along (1, -i), eigenvectors of Lambda. */
 static Update update_pair(double sign, size_t height, const double *const inverses[2], const double *const y[2],
                           double *const x[2])
 {
@@ -157,9 +157,10 @@ static double update_vectors(const VectorSide *side, const ClusterVectors *clust
             if (i == cluster->begin)
                 continue;
             const size_t at = j * n + i;
-            const double *const inverses[2] = {cluster->inverses + at, cluster->inverses + at + n};
-            const double *const y[2] = {cluster->Y + at, cluster->Y + at + n};
-            double *const x[2] = {X + at, X + at + n};
+            const size_t second = at + (width - 1) * n; /* the same row where there is one only */
+            const double *const inverses[2] = {cluster->inverses + at, cluster->inverses + second};
+            const double *const y[2] = {cluster->Y + at, cluster->Y + second};
+            double *const x[2] = {X + at, X + second};
             const Update update = width == 2 ? update_pair(side->sign, height, inverses, y, x)
                                              : update_real(side->sign, height, inverses[0], y[0], x[0]);
             const bool is_small = update.size <= LARGEST_ENTRY && update.change <= most; /* no NaN */

@@ -90,21 +90,6 @@ static void mix_vectors(const CoupledModes *coupled, bool is_right, const double
         expand_vector(coupled, is_right, X + j * n, mixed);
 }
 
-/* M = Lambda + N */
-static void add_eigenvalues(const CoupledModes *coupled)
-{
-    const size_t size = coupled->cluster.size;
-    const double *const real = coupled->clusters.real + coupled->cluster.begin;
-    const double *const imaginary = coupled->clusters.imaginary + coupled->cluster.begin;
-    for (size_t i = 0; i < size; i++)
-        coupled->M[i * size + i] += real[i];
-    for (size_t i = 0; i < size; i += mode_width(imaginary, i))
-        if (imaginary[i] > 0.0) {
-            coupled->M[i * size + i + 1] += imaginary[i];
-            coupled->M[(i + 1) * size + i] -= imaginary[i];
-        }
-}
-
 /* The modes of a cluster: with its right vectors X, left vectors Z and M G = G Lambda, V = X G and V^-1 has the rows
    G^-1 (Z X)^-1 Z. */
 static bool find_cluster_modes(const Modes *modes, CoupledModes *coupled)
@@ -138,7 +123,8 @@ static bool find_cluster_modes(const Modes *modes, CoupledModes *coupled)
     fill_distances(&right, &coupled->cluster);
     if (!find_cluster_vectors(&left, &coupled->cluster, Z) || !find_cluster_vectors(&right, &coupled->cluster, X))
         return false;
-    add_eigenvalues(coupled);
+    for (size_t i = 0; i < size;) /* M = Lambda + N */
+        i += add_mode(size, i, clusters->real[begin + i], clusters->imaginary[begin + i], coupled->M);
     if (!find_dense_modes(&of_M, coupled->M, coupled->scratch))
         return false;
     double *const products = coupled->M;

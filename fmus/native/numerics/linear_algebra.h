@@ -28,7 +28,7 @@ INTERNAL void multiply_matrices(size_t rows, size_t inner, size_t columns, const
 /* `transposed` (columns, rows) = A', A (rows, columns) apart from it. */
 INTERNAL void transpose(size_t rows, size_t columns, const double *A, double *transposed);
 /* L with A = L L' in place of A (n, n), zeros above the diagonal; false where A is not positive definite. Zeros at the
-   beginning of rows take no time, nor do zeros of L below. */
+   beginning of a row, which stay, take no time. */
 INTERNAL bool cholesky(size_t n, double *A);
 /* Of each row the number, from 0 on, of the diagonal block of L (n, n), lower triangular, that it belongs to. */
 INTERNAL void number_blocks(size_t n, const double *L, double *blocks);

@@ -9,9 +9,6 @@
 
 /* Condition number of an eigenvalue above which a system is dense. The modal form loses as many digits: it agrees with
    the exponential to 1e-13 at 42, to 1e-11 at 423, to 2e-2 where eigenvectors coincide. */
-#ifndef LARGEST_CONDITION
-#define LARGEST_CONDITION 100.0
-#endif
 
 enum { IS_DENSE, PREPARED_STEP, PREPARED_GROWTH, FACT_COUNT = 8 }; /* whole cache lines */
 

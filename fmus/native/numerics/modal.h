@@ -36,6 +36,12 @@ typedef struct {
     double *facts;       /* (2,) number of complex pairs, which come first; largest real part, at least 0 */
 } Modal;
 
+/* The slot of a pair's first or second coordinate. */
+INTERNAL_INLINE size_t modal_slot(size_t pair, size_t member)
+{
+    return pair / MODAL_LANES * MODAL_BLOCK + member * MODAL_LANES + pair % MODAL_LANES;
+}
+
 /* Doubles of memory that a form takes. */
 INTERNAL size_t modal_size(size_t states, size_t held, size_t rare, size_t outputs);
 /* A form with its data in `memory`. */

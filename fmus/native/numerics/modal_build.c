@@ -32,9 +32,17 @@ static ModalScratch modal_scratch_in(const Modal *modal, double *memory)
     return scratch;
 }
 
-static size_t slot_of(size_t pair, size_t member)
+void modal_set_eigenvalue(const Modal *modal, size_t slot, double real, double imaginary)
 {
-    return pair / MODAL_LANES * MODAL_BLOCK + member * MODAL_LANES + pair % MODAL_LANES;
+    modal->real[slot] = real;
+    modal->imaginary[slot] = imaginary;
+    modal->facts[1] = fmax(modal->facts[1], real);
+    const double size = fmax(fabs(real), imaginary);
+    if (!(size > 0.0))
+        return;
+    const double square = (real / size * real + imaginary / size * imaginary) * size;
+    modal->inverse[slot] = real / square;
+    modal->inverse[modal->slots + slot] = -imaginary / square;
 }
 
 /* Slots and eigenvalues: complex pairs first, then the real ones two by two. */
@@ -52,17 +60,9 @@ static void fill_eigenvalues(const Modal *modal, const ModalScratch *s)
     size_t real_place = paired;
     for (size_t j = 0; j < modal->states; j++) {
         const size_t place = imaginary[j] > 0.0 ? complex_place++ : real_place++;
-        const size_t slot = slot_of(place / 2, place % 2);
+        const size_t slot = modal_slot(place / 2, place % 2);
         s->slots[j] = (double)slot;
-        modal->real[slot] = real[j];
-        modal->imaginary[slot] = imaginary[j];
-        modal->facts[1] = fmax(modal->facts[1], real[j]);
-        const double size = fmax(fabs(real[j]), imaginary[j]);
-        if (!(size > 0.0))
-            continue;
-        const double square = (real[j] / size * real[j] + imaginary[j] / size * imaginary[j]) * size;
-        modal->inverse[slot] = real[j] / square;
-        modal->inverse[modal->slots + slot] = -imaginary[j] / square;
+        modal_set_eigenvalue(modal, slot, real[j], imaginary[j]);
     }
 }
 

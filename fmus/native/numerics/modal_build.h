@@ -8,6 +8,10 @@
 #include "internal.h"
 #include "modal.h"
 
+#ifndef LARGEST_CONDITION
+#define LARGEST_CONDITION 100.0 /* of an eigenvalue, up to which a form is accurate */
+#endif
+
 /* Doubles that modal_build works in. */
 INTERNAL size_t modal_scratch_size(size_t states);
 
@@ -18,6 +22,9 @@ INTERNAL size_t modal_scratch_size(size_t states);
    normal, HUGE_VAL where there is no modal form. */
 INTERNAL double modal_build(const Modal *modal, double *A, const double *blocks, const double *B, const double *C,
                             double *scratch);
+
+/* The eigenvalue of a slot, in a form whose eigenvalues and inverses are 0 before. */
+INTERNAL void modal_set_eigenvalue(const Modal *modal, size_t slot, double real, double imaginary);
 
 /* z (slots, columns) = V^-1 X of X (states, columns), with the scratch memory as modal_build left it. */
 INTERNAL void modal_coordinates(const Modal *modal, size_t columns, const double *X, double *z, double *scratch);

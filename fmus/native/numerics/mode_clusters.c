@@ -66,33 +66,27 @@ static void order_coordinates(ModeClusters *clusters, const BlockModes *modes)
 static void fill_cluster(const BlockModes *modes, const size_t *place, size_t size, double *A)
 {
     memset(A, 0, size * size * sizeof *A);
-    for (size_t i = 0; i < size; i++) {
+    for (size_t i = 0; i < size; i++)
         for (size_t k = 0; k < modes->links; k++) {
             const double factor = modes->to[k * modes->n + place[i]];
             for (size_t j = 0; j < size && factor != 0.0; j++)
                 A[i * size + j] += factor * modes->from[k * modes->n + place[j]];
         }
-        A[i * size + i] += modes->real[place[i]];
-    }
-    for (size_t i = 0; i + 1 < size; i++)
-        if (modes->imaginary[place[i]] > 0.0) {
-            A[i * size + i + 1] += modes->imaginary[place[i]];
-            A[(i + 1) * size + i] -= modes->imaginary[place[i]];
-            i++;
-        }
+    for (size_t i = 0; i < size;)
+        i += add_mode(size, i, modes->real[place[i]], modes->imaginary[place[i]], A);
 }
 
 /* A link in coordinates of a cluster's modes; `gathered` has room for it. */
 static void transform_link(const size_t *place, size_t size, const double *matrix, const double *link, double *gathered,
                            double *to)
 {
-    double largest = 0.0;
+    bool is_any = false;
     for (size_t i = 0; i < size; i++) {
         gathered[i] = link[place[i]];
-        largest = gathered[i] != 0.0 ? 1.0 : largest;
+        is_any = is_any || gathered[i] != 0.0;
     }
     for (size_t i = 0; i < size; i++)
-        to[i] = largest > 0.0 ? vector_product(size, matrix + i * size, gathered) : 0.0;
+        to[i] = is_any ? vector_product(size, matrix + i * size, gathered) : 0.0;
 }
 
 /* Modes of each cluster, and links in their coordinates. */

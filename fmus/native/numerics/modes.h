@@ -27,6 +27,18 @@ INTERNAL_INLINE size_t mode_width(const double *imaginary, size_t i)
     return imaginary[i] > 0.0 ? 2 : 1;
 }
 
+/* Adds the block of Lambda of the mode at place i to A (n, n); its places. */
+INTERNAL_INLINE size_t add_mode(size_t n, size_t i, double real, double imaginary, double *A)
+{
+    A[i * n + i] += real;
+    if (!(imaginary > 0.0))
+        return 1;
+    A[(i + 1) * n + i + 1] += real;
+    A[i * n + i + 1] += imaginary;
+    A[(i + 1) * n + i] -= imaginary;
+    return 2;
+}
+
 /* Doubles that find_dense_modes works in. */
 INTERNAL size_t modes_scratch_size(size_t n);
 /* The modes of a dense A (n, n), which is destroyed; a vector has length 1, the two of a pair sqrt(2) together. False

@@ -14,15 +14,15 @@ static void start_filter(Batch *batch, const Modal *modal, double *scratch)
     memcpy(x, batch->task->x_ref, (size_t)batch->task->controller.reduced_states * sizeof *x);
     modal_coordinates(modal, 1, x, z, scratch);
     for (size_t p = 0; p < batch->sizes.filter_states / 2; p++)
-        batch->start[p] = (Couple){{z[slot_of_pair(p)], z[slot_of_pair(p) + MODAL_LANES]}};
+        batch->start[p] = (Couple){{z[modal_slot(p, 0)], z[modal_slot(p, 1)]}};
 }
 
 /* One member of a pair of the filter: growth by itself and by the other coordinate, inputs, law. */
 static void write_filter_member(const Batch *batch, const Modal *modal, size_t pair, size_t member)
 {
     const LoopSizes *const s = &batch->sizes;
-    const size_t slot = slot_of_pair(pair) + member * MODAL_LANES;
-    const double imaginary = modal->imaginary[slot_of_pair(pair)];
+    const size_t slot = modal_slot(pair, member);
+    const double imaginary = modal->imaginary[modal_slot(pair, 0)];
     Couple *const to = batch->filter + tile_place(filter_stride(s), pair, 0);
     to[0].of[member] = modal->real[slot];
     to[TILE].of[member] = member == 0 ? imaginary : -imaginary;

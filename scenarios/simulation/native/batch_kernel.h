@@ -36,7 +36,7 @@ typedef struct {
     Part *force; /* (PARTS, plant_pairs, beams): inputs of forces */
     Part *z;     /* (PARTS, plant_pairs) */
     Part *halfway;   /* (PARTS, plant_pairs): z between two steps that are taken at once */
-    Part *driven;    /* (2, plant_pairs): what the voltages add to z in either of these */
+    Part *driven;    /* (2, plant_pairs): what the voltages add to z of a part in either of these */
     Part *filter_z;  /* (PARTS, filter_pairs) */
     Part *inputs;    /* (2, filter_inputs, PARTS): of this step and of the next one */
     Part *sums;      /* (2, output_rows or law_rows, PARTS) */

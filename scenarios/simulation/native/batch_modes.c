@@ -8,10 +8,10 @@
    eigenvalues, is left to modal_build. */
 #include "batch_modes.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "group_modes.h"
+#include "modal_build.h"
 
 static size_t vector_count(const BeamPlantData *plant)
 {
@@ -80,16 +80,12 @@ static void read_mode(const Modes *m, const BeamPlantData *plant, size_t lane, s
     const Complex *const from = m->results + mode * (1 + m->vectors);
     const double real = lane_of(from, lane, 0);
     const double imaginary = lane_of(from, lane, 1);
-    const double square = real * real + imaginary * imaginary;
     for (size_t member = 0; member < 2; member++) {
-        const size_t slot = slot_of_pair(mode) + member * MODAL_LANES;
+        const size_t slot = modal_slot(mode, member);
         const size_t block = slot / MODAL_BLOCK;
         const double sign = member == 0 ? 1.0 : -1.0;
         const Complex *column = from + 1;
-        to->real[slot] = real;
-        to->imaginary[slot] = imaginary;
-        to->inverse[slot] = real / square;
-        to->inverse[to->slots + slot] = -imaginary / square;
+        modal_set_eigenvalue(to, slot, real, imaginary);
         for (size_t j = 0; j < to->held + to->rare; j++, column++)
             *(j < to->held ? &to->held_inputs[(block * to->held + j) * MODAL_BLOCK + slot % MODAL_BLOCK]
                            : &to->rare_inputs[(block * to->rare + j - to->held) * MODAL_BLOCK + slot % MODAL_BLOCK]) =
@@ -97,11 +93,15 @@ static void read_mode(const Modes *m, const BeamPlantData *plant, size_t lane, s
         for (size_t k = 0; k < to->outputs; k++, column++)
             to->output_rows[k * to->slots + slot] = lane_of(column, lane, member);
     }
+    const size_t first = modal_slot(mode, 0);
+    const size_t second = modal_slot(mode, 1);
+    const double inverse_real = to->inverse[first];
+    const double inverse_imaginary = to->inverse[to->slots + first];
     for (size_t j = 0; j < plant->patches; j++) { /* -input / s */
         const double a = lane_of(from + 1 + j, lane, 0);
         const double b = lane_of(from + 1 + j, lane, 1);
-        rest[slot_of_pair(mode) * plant->patches + j] = -(a * real + b * imaginary) / square;
-        rest[(slot_of_pair(mode) + MODAL_LANES) * plant->patches + j] = (b * real - a * imaginary) / square;
+        rest[first * plant->patches + j] = b * inverse_imaginary - a * inverse_real;
+        rest[second * plant->patches + j] = a * inverse_imaginary + b * inverse_real;
     }
 }
 
@@ -117,9 +117,7 @@ bool read_modes(double *memory, const BeamPlantData *plant, size_t lane, const M
     memset(rest, 0, plant->patches * to->slots * sizeof *rest);
     to->facts[0] = (double)m.n;
     to->facts[1] = 0.0;
-    for (size_t mode = 0; mode < m.n; mode++) {
+    for (size_t mode = 0; mode < m.n; mode++)
         read_mode(&m, plant, lane, mode, to, rest);
-        to->facts[1] = fmax(to->facts[1], to->real[slot_of_pair(mode)]);
-    }
     return true;
 }

@@ -10,14 +10,6 @@
 #include "modal.h"
 #include "plant_matrices.h"
 
-#define LARGEST_CONDITION 100.0 /* of an eigenvalue, as in linear_system.c */
-
-/* z of a pair is in this slot of a Modal and in the one MODAL_LANES behind it. */
-INLINE size_t slot_of_pair(size_t pair)
-{
-    return pair / MODAL_LANES * MODAL_BLOCK + pair % MODAL_LANES;
-}
-
 /* Doubles of memory that this takes, aligned for lanes. */
 size_t modes_size(const BeamPlantData *plant);
 /* The plant of one lane. */

@@ -26,14 +26,14 @@ static size_t sum_rows(const LoopSizes *s)
 /* Couples of numbers of each sample. */
 static size_t couple_count(const LoopSizes *s)
 {
-    return s->plant_pairs * (plant_stride(s) + s->beams + 4) + s->filter_pairs + 2 * (s->filter_inputs + sum_rows(s));
+    return s->plant_pairs * (plant_stride(s) + s->beams + 2) + s->filter_pairs + 2 * (s->filter_inputs + sum_rows(s));
 }
 
 size_t lanes_size(const LoopSizes *s, size_t measures)
 {
     const size_t single =
         ROWS * (s->output_rows + s->voltages) + s->law_rows + 2 * s->voltages + measures * BATCH_FIGURES + 1;
-    return LANES * (2 * couple_count(s) + single);
+    return 2 * s->plant_pairs * PART + LANES * (2 * couple_count(s) + single);
 }
 
 void place_lanes(Batch *batch, double *memory)
@@ -44,11 +44,11 @@ void place_lanes(Batch *batch, double *memory)
     at->z = at->plant + PARTS * s->plant_pairs * plant_stride(s);
     at->halfway = at->z + PARTS * s->plant_pairs;
     at->driven = at->halfway + PARTS * s->plant_pairs;
-    at->filter_z = at->driven + 2 * PARTS * s->plant_pairs;
+    at->filter_z = at->driven + 2 * s->plant_pairs;
     at->inputs = at->filter_z + PARTS * s->filter_pairs;
     at->sums = at->inputs + 2 * PARTS * s->filter_inputs;
     at->force = at->sums + 2 * PARTS * sum_rows(s);
-    at->rows = (Lanes *)(memory + 2 * LANES * couple_count(s));
+    at->rows = (Lanes *)(at->force + PARTS * s->plant_pairs * s->beams);
     at->law = at->rows + ROWS * (s->output_rows + s->voltages);
     at->integral = at->law + s->law_rows;
     at->growth = at->integral + s->voltages;
@@ -68,7 +68,7 @@ static void set_plant_number(Batch *batch, size_t pair, size_t place, size_t lan
 static void set_plant_member(Batch *batch, size_t lane, const Modal *modal, size_t pair, size_t member)
 {
     const LoopSizes *const s = &batch->sizes;
-    const size_t slot = slot_of_pair(pair) + member * MODAL_LANES;
+    const size_t slot = modal_slot(pair, member);
     const size_t other = member == 0 ? slot + MODAL_LANES : slot - MODAL_LANES;
     const size_t block = slot / MODAL_BLOCK;
     const double *const hold = modal->hold + block * MODAL_HOLD_ROWS * MODAL_BLOCK + slot % MODAL_BLOCK;
@@ -96,7 +96,7 @@ void set_plant_lane(Batch *batch, size_t lane, const Modal *modal, const double 
     const size_t voltages = batch->sizes.voltages;
     for (size_t pair = 0; pair < batch->plant.coordinates; pair++)
         for (size_t member = 0; member < 2; member++) {
-            const double *const row = rest + (slot_of_pair(pair) + member * MODAL_LANES) * voltages;
+            const double *const row = rest + (modal_slot(pair, member)) * voltages;
             double sum = 0.0;
             for (size_t j = 0; j < voltages; j++)
                 sum += row[j] * start[j];

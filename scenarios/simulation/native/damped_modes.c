@@ -3,8 +3,8 @@
    iteration. */
 #include <float.h>
 
-#include "batch_modes.h"
 #include "group_modes.h"
+#include "modal_build.h"
 
 #define ITERATIONS 60
 
