@@ -28,8 +28,8 @@ static Complex complex_quotient(Complex a, Complex b, double least)
     b.real /= size;
     b.imaginary /= size;
     const double square = (b.real * b.real + b.imaginary * b.imaginary) * size;
-    return (Complex){(a.real * b.real + a.imaginary * b.imaginary) / square,
-                     (a.imaginary * b.real - a.real * b.imaginary) / square};
+    const Complex product = complex_product(a, (Complex){b.real, -b.imaginary});
+    return (Complex){product.real / square, product.imaginary / square};
 }
 
 static void set_entry(const Eigenvector *v, size_t i, Complex x)
