@@ -12,7 +12,17 @@ from flexbeams.plant.choices import BasisName
 from flexbeams.plant.energy import energy_form
 from flexbeams.plant.galerkin import beam_model
 from flexbeams.plant.structure import Structure, find_structure, read_structure
-from tests.fmus.test_modal import CRITICAL_CONDITION, Array, Outcome, System, difference, harness, run_dense, run_modal
+from tests.fmus.test_modal import (
+    CRITICAL_CONDITION,
+    SANITIZED,
+    Array,
+    Outcome,
+    System,
+    difference,
+    harness,
+    run_dense,
+    run_modal,
+)
 from tests.native.workshop import needs
 from tests.oracles.chains import chain_of_beams
 
@@ -162,10 +172,6 @@ def bits(command: tuple[str, ...], through: tuple[str, ...] = ()) -> list[bytes]
 )
 def test_every_compiler_gives_the_same_bits(command: tuple[str, ...]) -> None:
     assert bits(command) == bits(("gcc", "-O2"))
-
-
-SANITIZED = ("clang", "-O0", "-gline-tables-only", "-fsanitize=address,undefined,float-cast-overflow")
-SANITIZED += ("-fno-sanitize-recover=all",)
 
 
 @needs("clang")

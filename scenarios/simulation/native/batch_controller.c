@@ -31,13 +31,14 @@ INLINE void grow_filter(size_t inputs, const Batch *batch, const Part *input)
             const Couple *const columns = filter + 2 * TILE;
             Part *const z = batch->at.filter_z + part * s->filter_pairs + pair;
             Part driven[ABREAST][TILE];
-            for (size_t j = 0; j < inputs; j++)
+            for (size_t q = 0; q < TILE; q++)
+                for (size_t p = 0; p < ABREAST; p++)
+                    driven[p][q] = part_multiply(part_of(columns[q]), input[p]);
+            for (size_t j = 1; j < inputs; j++)
                 for (size_t q = 0; q < TILE; q++) {
                     const Part column = part_of(columns[j * TILE + q]);
-                    for (size_t p = 0; p < ABREAST; p++) {
-                        const Part product = part_multiply(column, input[j * PARTS + p]);
-                        driven[p][q] = j == 0 ? product : part_add(driven[p][q], product);
-                    }
+                    for (size_t p = 0; p < ABREAST; p++)
+                        driven[p][q] = part_add_product(driven[p][q], column, input[j * PARTS + p]);
                 }
             for (size_t q = 0; q < TILE; q++)
                 for (size_t p = 0; p < ABREAST; p++) {

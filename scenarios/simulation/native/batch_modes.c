@@ -62,10 +62,9 @@ void set_modes_lane(double *memory, const BeamPlantData *plant, size_t lane, con
 void find_modes(double *memory, const BeamPlantData *plant)
 {
     const Modes m = modes_in(memory, plant);
-    LaneMask missing = find_undamped(&m, plant);
+    find_undamped(&m, plant);
     for (size_t mode = 0; mode < m.n; mode++)
-        missing = lanes_either(missing, find_damped(&m, plant, mode));
-    *m.is_found = lanes_choose(missing, lanes_of(0.0), lanes_of(1.0));
+        find_damped(&m, plant, mode);
 }
 
 static double lane_of(const Complex *from, size_t lane, size_t member)

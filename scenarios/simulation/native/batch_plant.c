@@ -123,12 +123,16 @@ INLINE void drive_tile(size_t voltages, const Part *inputs, const Part *u, const
 {
     Part now[TILE];
     Part then[TILE];
-    for (size_t j = 0; j < voltages; j++)
+    for (size_t q = 0; q < TILE; q++) {
+        now[q] = part_multiply(inputs[q], u[0]);
+        then[q] = next == NULL ? NO_PART : part_multiply(inputs[q], next[0]);
+    }
+    for (size_t j = 1; j < voltages; j++)
         for (size_t q = 0; q < TILE; q++) {
             const Part input = inputs[j * TILE + q];
-            now[q] = j == 0 ? part_multiply(input, u[0]) : part_add_product(now[q], input, u[j * PARTS]);
+            now[q] = part_add_product(now[q], input, u[j * PARTS]);
             if (next != NULL)
-                then[q] = j == 0 ? part_multiply(input, next[0]) : part_add_product(then[q], input, next[j * PARTS]);
+                then[q] = part_add_product(then[q], input, next[j * PARTS]);
         }
     for (size_t q = 0; q < TILE; q++) {
         driven[q] = now[q];

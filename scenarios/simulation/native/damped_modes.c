@@ -32,7 +32,7 @@ INLINE Complex product_with(size_t n, const Lanes *a, const Complex *v)
 }
 
 /* v with an entry of 1 at the undamped mode, and s; returns the lanes that have not converged. */
-static LaneMask iterate(const Modes *m, size_t mode, Complex *s)
+INLINE LaneMask iterate(const Modes *m, size_t mode, Complex *s)
 {
     const size_t n = m->n;
     const Lanes limit = lanes_of(64 * DBL_EPSILON * DBL_EPSILON); /* of a squared change */
@@ -64,7 +64,7 @@ static LaneMask iterate(const Modes *m, size_t mode, Complex *s)
 /* The results of a mode s, v. With right vectors r = (S v / s, v) and left ones l = (S v / s, -v), the coordinate of an
    input is 2 l'B / (l'r) and an output R r. Returns the lanes where the mode is badly conditioned, or not the only one
    that this v may belong to: where its own entry of 1 outweighs all others in each mode, no two are the same. */
-static LaneMask write_mode(const Modes *m, const BeamPlantData *plant, size_t mode, Complex s)
+INLINE LaneMask write_mode(const Modes *m, const BeamPlantData *plant, size_t mode, Complex s)
 {
     const Lanes one = lanes_of(1.0);
     const Complex inverse = quotient((Complex){one, lanes_of(0.0)}, s);
@@ -93,9 +93,10 @@ static LaneMask write_mode(const Modes *m, const BeamPlantData *plant, size_t mo
     return lanes_above(one, is_good);
 }
 
-LaneMask find_damped(const Modes *m, const BeamPlantData *plant, size_t mode)
+void find_damped(const Modes *m, const BeamPlantData *plant, size_t mode)
 {
     Complex s = NO_COMPLEX;
     const LaneMask changing = iterate(m, mode, &s);
-    return lanes_either(changing, write_mode(m, plant, mode, s));
+    const LaneMask missing = lanes_either(changing, write_mode(m, plant, mode, s));
+    *m->is_found = lanes_choose(missing, lanes_of(0.0), *m->is_found);
 }

@@ -34,9 +34,9 @@ INLINE Lanes product_of(size_t n, const Lanes *a, const Lanes *b)
     return lanes_add(lanes_add(sums[0], sums[1]), lanes_add(sums[2], sums[3]));
 }
 
-/* Everything in terms of the undamped modes; returns the lanes without these. */
-LaneMask find_undamped(const Modes *m, const BeamPlantData *plant);
-/* The damped mode that belongs to an undamped one, and its results; returns the lanes without one. */
-LaneMask find_damped(const Modes *m, const BeamPlantData *plant, size_t mode);
+/* Everything in terms of the undamped modes, and the lanes that have them. */
+void find_undamped(const Modes *m, const BeamPlantData *plant);
+/* The damped mode that belongs to an undamped one, and its results; the lanes that have none are left out. */
+void find_damped(const Modes *m, const BeamPlantData *plant, size_t mode);
 
 #endif

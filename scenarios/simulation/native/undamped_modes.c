@@ -41,7 +41,7 @@ INLINE LaneMask orthogonalise(size_t n, Lanes *a, Lanes *b)
 
 /* U S in place of C; returns the lanes that have not converged. The pairs of a sweep are ordered as in a tournament:
    those of a round have no column in common. */
-static LaneMask orthogonalise_all(size_t n, Lanes *U)
+INLINE LaneMask orthogonalise_all(size_t n, Lanes *U)
 {
     const size_t even = n + n % 2;
     LaneMask turning = lanes_above(lanes_of(1.0), lanes_of(0.0));
@@ -84,7 +84,7 @@ static void carry_outputs(const Modes *m, const BeamPlantData *plant)
     }
 }
 
-LaneMask find_undamped(const Modes *m, const BeamPlantData *plant)
+void find_undamped(const Modes *m, const BeamPlantData *plant)
 {
     const size_t n = m->n;
     carry_outputs(m, plant);
@@ -103,5 +103,5 @@ LaneMask find_undamped(const Modes *m, const BeamPlantData *plant)
         for (size_t i = 0; i < n; i++)
             m->damping[j * n + i] = product_of(n, m->U + i * n, m->product + j * n);
     project(n, m->U, m->vectors, m->columns, m->product);
-    return turning;
+    *m->is_found = lanes_choose(turning, lanes_of(0.0), lanes_of(1.0));
 }
