@@ -31,7 +31,7 @@ def new(kind: str, name: str) -> None:
     from flexbeams.scenarios.definition.skeletons import SKELETONS
 
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
-    if Path(name).name in ("", "..") or not path.stem.strip(".") or path.name == ".toml":
+    if path.name == ".toml" or not path.stem.strip("."):
         raise InputError("NAME", "must end with the name of a file", name)
     if not path.stem.isprintable() or any(sign in path.stem for sign in '"\\{}'):
         raise InputError("NAME", "must be a name of printable characters without quotes, braces and backslashes", name)

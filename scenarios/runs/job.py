@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -136,12 +137,12 @@ def run_job(
     """
     with ResultFolder(job.folder) as folder:
         replaced = _replaced(job, folder.require_free(job.files))
-        notes = [f"{job.folder}: replaces {replaced}"] if replaced else []
         head = summary_head(job.kind, job.name, job.changed)
 
+        @cache  # once, before the first row or file is written
         def announce() -> None:
-            while notes:
-                observer.notify(notes.pop())
+            if replaced:
+                observer.notify(f"{job.folder}: replaces {replaced}")
 
         def begin_rows() -> Path:
             announce()
