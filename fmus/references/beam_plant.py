@@ -8,7 +8,6 @@ from flexbeams.plant.assembly import SecondOrderSystem
 from flexbeams.plant.basis import Array
 from flexbeams.plant.damped_modes import ComplexArray, damped_modes, modal_matrix
 from flexbeams.plant.galerkin import BeamModel
-from flexbeams.plant.statespace import undamped_modes
 
 
 def plant_experiments(design: Design, model: BeamModel) -> list[Experiment]:
@@ -71,7 +70,9 @@ def plant_response(
     matrix, x(t) = x(start) + Re W (exp(Lambda (t - start)) - 1) z with Re W z = x(start) - x_s. At the first start it
     is at rest under the voltages given (n_u,).
     """
-    from scipy.linalg import lu_factor, lu_solve  # only units that are built need it
+    from scipy.linalg import lu_factor, lu_solve  # only units that are built need it, and the modes
+
+    from flexbeams.plant.statespace import undamped_modes
 
     n, n_u = system.L.shape
     undamped = undamped_modes(system)
