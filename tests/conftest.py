@@ -48,14 +48,14 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 def shared_compilations() -> Iterator[None]:
     """Units of equal sources are compiled once, whatever test exports them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Compiler, "build", compile_once)
+        patch.setattr(Compiler, "make", compile_once)
         yield
 
 
 @pytest.fixture
 def own_compilations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every library is compiled, in tests of the compilation itself."""
-    monkeypatch.setattr(Compiler, "build", compile_anew)
+    monkeypatch.setattr(Compiler, "make", compile_anew)
 
 
 @pytest.fixture(scope="session")

@@ -262,17 +262,17 @@ if __name__ == "__main__":
     from flexbeams.fmus.packaging.compilers import Compiler
     from flexbeams.scenarios.cli.main import commands, main
 
-    compile_anew, made = Compiler.build, {}
+    compile_anew, made = Compiler.make, {}
 
-    def compile_once(compiler, library, sources, *more, **named):  # the exports are of equal units
-        files = [*sources, *sorted(library.parent.glob("*.h"))]
-        key = (library.name, *(file.read_bytes() for file in files), repr((more, named)))
+    def compile_once(compiler, out, options, definitions, includes, inputs, *more):  # the exports are of equal units
+        files = [*(file for file in inputs if file != "-lm"), *sorted(out.parent.glob("*.h"))]
+        key = (out.name, *(file.read_bytes() for file in files), repr((options, definitions, more)))
         if key not in made:
-            compile_anew(compiler, library, sources, *more, **named)
-            made[key] = library.read_bytes()
-        library.write_bytes(made[key])
+            compile_anew(compiler, out, options, definitions, includes, inputs, *more)
+            made[key] = out.read_bytes()
+        out.write_bytes(made[key])
 
-    Compiler.build = compile_once
+    Compiler.make = compile_once
     Path("plant.toml").write_text(STEP)
     Path("blow.toml").write_text(BLOW)
     for call in CALLS:

@@ -1,20 +1,30 @@
 /* Linkage of what the files of a unit share.
 
    A unit ships as one C file that defines SINGLE_FILE: everything but the FMI functions is static there, so that
-   several units link into one program. Without it each file here compiles on its own. */
+   several units link into one program. Without it each file here compiles on its own.
+
+   Where many designs are built, the code of that file is compiled once (CODE_ONLY) and its tables for each design
+   (TABLES_ONLY); these two see each other's hooks and description of the unit, which are SHARED. */
 
 #ifndef INTERNAL_H
 #define INTERNAL_H
 
-#if !defined(SINGLE_FILE)
-#define INTERNAL extern /* in front of a declaration */
-#define INTERNAL_DATA   /* in front of the definition of data; functions take the linkage of their declaration */
+/* In front of the declaration of a function; its definition takes the same linkage. */
+#if !defined(SINGLE_FILE) || defined(TABLES_ONLY)
+#define INTERNAL extern
 #elif defined(__GNUC__)
 #define INTERNAL static __attribute__((unused))
-#define INTERNAL_DATA static
 #else
 #define INTERNAL static
-#define INTERNAL_DATA static
+#endif
+
+/* In front of the declaration of data, and of their definition. */
+#if !defined(SINGLE_FILE) || defined(CODE_ONLY) || defined(TABLES_ONLY)
+#define SHARED extern
+#define SHARED_DATA
+#else
+#define SHARED INTERNAL
+#define SHARED_DATA static
 #endif
 
 /* In front of the definition of a small function in a header. */

@@ -24,13 +24,14 @@ def build_units(
     platforms: Sequence[str] = ("host",),
     compiler: str = "zig",
     flags_as_real: bool = False,
+    cache: Path | None = None,
     notify: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
     """Builds units into folder/<backend>/<kind>.fmu and returns the files.
 
-    `model` is the plant's, of the design's structure and any basis. `platforms`, `compiler` and `notify` are for native
-    units, see build_native_units. With `flags_as_real` Boolean outputs and locals are Real, 0 or 1. Raises BuildError
-    where a tool is missing or fails, or a kind has no kernel of the backend.
+    `model` is the plant's, of the design's structure and any basis. `platforms`, `compiler`, `cache` and `notify` are
+    for native units, see build_native_units. With `flags_as_real` Boolean outputs and locals are Real, 0 or 1. Raises
+    BuildError where a tool is missing or fails, or a kind has no kernel of the backend.
     """
     files = {kind: folder / backend / f"{kind.name}.fmu" for kind in kinds}
     with one_thread():
@@ -40,7 +41,9 @@ def build_units(
             contents = {kind: kind.contents(design, model) for kind in files}
     if backend == "native":
         native = [unit.with_real_flags() for unit in native] if flags_as_real else native
-        return build_native_units(native, platforms, compiler, notify=notify, version=installed_version("flexbeams"))
+        return build_native_units(
+            native, platforms, compiler, cache=cache, notify=notify, version=installed_version("flexbeams")
+        )
     units = [
         PythonUnit(
             kind=kind, interface=with_real_flags(interface) if flags_as_real else interface, data=data, out=files[kind]

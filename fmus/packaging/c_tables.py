@@ -133,7 +133,7 @@ def description_tables(interface: Interface, guid: str, hooks: str, data: str, d
         c_array("Results unit_results[]", "variables that a step computes: first and number", results or ["{0, 0}"], 8),
         "\n".join(
             [
-                "INTERNAL_DATA const UnitDescription this_unit = {",
+                "SHARED_DATA const UnitDescription this_unit = {",
                 f"    .hooks = &{hooks},",
                 f"    .data = &{data},",
                 f"    .guid = {c_text(guid, TEXT_SIZE)},",

@@ -84,8 +84,13 @@ def host_platform() -> Platform:
 class Compiler:
     """A command that compiles and links C."""
 
+    name: str  # zig, or the command or path that was asked for
     command: tuple[str, ...]
-    is_zig: bool
+
+    @property
+    def is_zig(self) -> bool:
+        """Whether it builds for every platform."""
+        return self.name == "zig"
 
     def build(
         self,
@@ -96,11 +101,30 @@ class Compiler:
         definitions: Sequence[str] = (),
         processor: str = "",
     ) -> None:
-        """Compile sources to a shared library; BuildError with the compiler's first line where it fails.
+        """Compile sources, or objects, to a shared library; BuildError with the compiler's first line where it fails.
 
         It runs on any processor of the platform, or on those like `processor` only, such as x86-64-v3.
         The library's bytes depend on its file name, the compiler and the contents of the sources, not on folders.
         """
+        self.make(library, ["-shared", "-s"], definitions, includes, [*sources, "-lm"], platform, processor)
+
+    def compile(
+        self, out: Path, source: Path, includes: Sequence[Path], platform: Platform, definitions: Sequence[str]
+    ) -> None:
+        """Compile a source to an object file for `build`; BuildError as there."""
+        self.make(out, ["-c"], definitions, includes, [source], platform)
+
+    def make(
+        self,
+        out: Path,
+        options: Sequence[str],
+        definitions: Sequence[str],
+        includes: Sequence[Path],
+        inputs: Sequence[Path | str],
+        platform: Platform,
+        processor: str = "",
+    ) -> None:
+        """One call of the command, which makes the file `out`."""
         if not self.is_zig and platform != host_platform():
             raise BuildError(
                 f"{self.command[0]} builds for {host_platform().name} only, {platform.name} takes the compiler zig"
@@ -115,23 +139,21 @@ class Compiler:
             *target,
             *FLAGS,
             *platform.flags,
-            "-shared",
-            "-s",
+            *options,
             *(f"-D{name}" for name in definitions),
             *(f"-I{folder}" for folder in includes),
             "-o",
-            library.name,
-            *map(str, sources),
-            "-lm",
+            out.name,
+            *map(str, inputs),
         ]
         try:
-            done = subprocess.run(command, cwd=library.parent, capture_output=True, text=True, errors="replace")
+            done = subprocess.run(command, cwd=out.parent, capture_output=True, text=True, errors="replace")
         except OSError as error:
             raise BuildError(f"{self.command[0]} cannot be run: {error.strerror}") from None
-        if done.returncode != 0 or not library.is_file():
+        if done.returncode != 0 or not out.is_file():
             lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines()
             reason = lines[0].strip() if lines else f"exit status {done.returncode}"
-            raise BuildError(f"{library.name} for {platform.name} cannot be compiled: {reason}")
+            raise BuildError(f"{out.name} for {platform.name} cannot be compiled: {reason}")
 
 
 def find_compiler(name: str = "zig") -> Compiler:
@@ -145,13 +167,13 @@ def find_compiler(name: str = "zig") -> Compiler:
                 "the compiler zig is missing: pip install ziglang, or choose a system's compiler such as "
                 "gcc (Debian: apt install gcc)"
             )
-        return Compiler(command=(sys.executable, "-m", "ziglang", "cc"), is_zig=True)
+        return Compiler(name=name, command=(sys.executable, "-m", "ziglang", "cc"))
     if (path := shutil.which(name)) is None:
         raise BuildError(
             f"the compiler {name} is missing: install it (Debian: apt install {Path(name).name}), or "
             "pip install ziglang and choose zig"
         )
-    return Compiler(command=(path,), is_zig=False)
+    return Compiler(name=name, command=(path,))
 
 
 def compiler_version(name: str) -> str:

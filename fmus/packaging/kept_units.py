@@ -55,7 +55,7 @@ def ensure_units(
         listed = sorted(kinds.values(), key=lambda kind: CATALOGUE.index(kind) if kind in CATALOGUE else len(CATALOGUE))
         notify(f"building {', '.join(kind.name for kind in listed)}")
         prepare_folder(folder / backend, root)
-        for file in build_units(listed, design, model, folder, backend=backend, compiler=compiler):
+        for file in build_units(listed, design, model, folder, backend=backend, compiler=compiler, cache=root):
             record(file)
     return files
 

@@ -19,6 +19,7 @@ from flexbeams.fmus.interface.variables import Interface
 from flexbeams.fmus.packaging.binaries import binary_entries
 from flexbeams.fmus.packaging.c_tables import description_tables, heading, kernel_data
 from flexbeams.fmus.packaging.compilers import Compiler, Platform, chosen_platforms, find_compiler
+from flexbeams.fmus.packaging.kept_code import code_object
 from flexbeams.fmus.packaging.mac_exports import fmi_exports
 from flexbeams.fmus.packaging.single_file import single_file
 from flexbeams.fmus.packaging.version_resource import version_resource
@@ -29,6 +30,7 @@ from flexbeams.plant.temporary import temporary_folder
 
 HEADERS = NATIVE / "headers"  # of FMI 2.0
 _JOBS = 2  # compilations at once
+_DEFINITIONS = ("FMI2_OVERRIDE_FUNCTION_PREFIX",)  # the functions of a shared library have FMI's plain names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,14 +92,15 @@ def build_native_units(
     platforms: Sequence[str] = ("host",),
     compiler: str = "zig",
     *,
+    cache: Path | None = None,
     notify: Callable[[str], None] = lambda text: None,
     **attributes: str,
 ) -> list[Path]:
     """Build units with binaries for `platforms` (host, all or names of fmus.compilers.PLATFORMS); returns their files.
 
     `compiler` is zig or a command of the system. `attributes` (version, license) go into modelDescription.xml. Equal
-    arguments give equal bytes. `notify` gets a line for each binary of several platforms. Raises BuildError where there
-    is no compiler or it fails.
+    arguments give equal bytes. Code that does not depend on a design is kept in `cache`, if one is given. `notify` gets
+    a line for each binary of several platforms. Raises BuildError where there is no compiler or it fails.
     """
     targets, tool = chosen_platforms(platforms), find_compiler(compiler)
     with temporary_folder() as temporary, ThreadPoolExecutor(_JOBS) as pool:
@@ -108,8 +111,12 @@ def build_native_units(
             for target in targets:
                 folder = temporary / f"{k}-{target.name}"
                 folder.mkdir()
-                version = attributes.get("version", "")
-                binaries[target] = pool.submit(_compiled, unit, sources, folder, target, tool, version)
+                for file, content in sources.items():
+                    (folder / file).write_bytes(content)
+                resources = _resources(unit, folder, target, tool, attributes.get("version", ""))
+                binaries[target] = pool.submit(
+                    _compiled, folder, unit.interface.unit_name, resources, target, tool, cache
+                )
             jobs.append((unit, sources, description, binaries))
         for unit, sources, description, binaries in jobs:
             entries = {"modelDescription.xml": description, **_documents(unit), **unit.extra}
@@ -153,20 +160,23 @@ def compiled_file(unit: str) -> str:
 
 
 def _compiled(
-    unit: NativeUnit, sources: Mapping[str, bytes], folder: Path, target: Platform, tool: Compiler, version: str
+    folder: Path, name: str, resources: Sequence[Path], target: Platform, tool: Compiler, cache: Path | None
 ) -> bytes:
-    """The shared library, whose functions have FMI's plain names."""
-    for file, content in sources.items():
-        (folder / file).write_bytes(content)
-    name = unit.interface.unit_name
-    library = folder / f"{name}{target.suffix}"
-    files = [folder / compiled_file(name)]
-    if tool.is_zig and target.suffix == ".dll":
-        files.append(folder / f"{name}.res")
-        files[-1].write_bytes(version_resource(unit.interface, library.name, version))
-    tool.build(library, files, [HEADERS], target, ["FMI2_OVERRIDE_FUNCTION_PREFIX"])
+    """The shared library of the unit whose sources are in `folder`."""
+    library, source = folder / f"{name}{target.suffix}", folder / compiled_file(name)
+    code = code_object(source, [HEADERS], tool, target, _DEFINITIONS, cache)
+    tool.build(library, [source, code, *resources], [HEADERS], target, [*_DEFINITIONS, "TABLES_ONLY"])
     content = library.read_bytes()
     return fmi_exports(content) if target.suffix == ".dylib" else content
+
+
+def _resources(unit: NativeUnit, folder: Path, target: Platform, tool: Compiler, version: str) -> list[Path]:
+    """The file with the version that Windows shows, where there is one."""
+    if not tool.is_zig or target.suffix != ".dll":
+        return []
+    file = folder / f"{unit.interface.unit_name}.res"
+    file.write_bytes(version_resource(unit.interface, f"{unit.interface.unit_name}{target.suffix}", version))
+    return [file]
 
 
 def _documents(unit: NativeUnit) -> dict[str, bytes]:

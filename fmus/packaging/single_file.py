@@ -38,7 +38,20 @@ def single_file(unit: str, kernels: Sequence[Path]) -> str:
     mathematics = joiner.bodies(kernels)
     plumbing = joiner.bodies([NATIVE / "fmi" / name for name in _FMI])
     head = _HEAD.format(unit=unit, includes="\n".join(f"#include <{name}>" for name in sorted(joiner.system)))
-    return "".join([head, *joiner.headers, *mathematics, f'\n#include "{unit}_tables.h"\n', *plumbing])
+    tables = f'\n#include "{unit}_tables.h"\n'
+    return "".join(
+        [
+            *(head, *joiner.headers),
+            *_unless("TABLES_ONLY", mathematics),
+            *_unless("CODE_ONLY", [tables]),
+            *_unless("TABLES_ONLY", plumbing),
+        ]
+    )
+
+
+def _unless(macro: str, texts: Sequence[str]) -> list[str]:
+    """The texts where a macro is not defined."""
+    return [f"\n#ifndef {macro}\n", *texts, f"\n#endif /* {macro} */\n"]
 
 
 class _Joiner:

@@ -7,6 +7,7 @@ from flexbeams.controller.design import Design
 from flexbeams.fmus.choices import BACKENDS, Backend
 from flexbeams.fmus.errors import BuildError
 from flexbeams.fmus.packaging.build import build_units
+from flexbeams.fmus.packaging.cache import cache_folder
 from flexbeams.fmus.units.catalogue import CATALOGUE, require_kind
 from flexbeams.fmus.units.kind import UnitKind
 from flexbeams.plant.errors import InputError
@@ -82,6 +83,7 @@ def build(
         platforms=platforms,
         compiler=compiler,
         flags_as_real=flags_as_real,
+        cache=cache_folder(),
         notify=notify,
     )
     for file in files:

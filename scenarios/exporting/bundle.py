@@ -69,7 +69,7 @@ def build_bundle(
         units.append(source)
         files[source_name(scenario)] = source.out
     notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
-    build_native_units(units, platforms, settings.compiler, version=version("flexbeams"))
+    build_native_units(units, platforms, settings.compiler, cache=settings.build_folder, version=version("flexbeams"))
     return ExportBundle(
         name=prepared.file.name,
         description=prepared.file.description or scenario.title,

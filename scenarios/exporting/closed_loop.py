@@ -62,7 +62,9 @@ def export_closed_loop(
     except InterfaceError as error:
         raise InputError("", str(error), source=prepared.source) from None
     notify(f"building {unit.interface.unit_name}")
-    build_native_units([unit], platforms, settings.compiler, notify=notify, version=version("flexbeams"))
+    build_native_units(
+        [unit], platforms, settings.compiler, cache=settings.build_folder, notify=notify, version=version("flexbeams")
+    )
     if not with_signals:
         references = part_references(unit.parts)
         inputs = {name: unit.interface.variables[k].name for name, k in references.items()}

@@ -63,7 +63,7 @@ def export_container(
     with temporary_folder() as temporary:
         folder = temporary / "units"
         folder.mkdir()
-        parts = build_parts(prepared, folder, targets, settings.compiler, notify)
+        parts = build_parts(prepared, folder, targets, settings, notify)
         try:
             interface, inner = _interface(prepared, parts, links)
         except InterfaceError as error:

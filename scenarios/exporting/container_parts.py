@@ -14,6 +14,7 @@ from flexbeams.fmus.packaging.build import native_unit
 from flexbeams.fmus.packaging.compilers import Platform
 from flexbeams.fmus.packaging.native import build_native_units
 from flexbeams.plant.errors import InputError
+from flexbeams.scenarios.definition.settings import Settings
 from flexbeams.scenarios.runs.prepare import PreparedScenario
 
 # Platform that the tool has a binary for: the folder in which that binary looks for those of the units inside
@@ -30,7 +31,11 @@ class Part:
 
 
 def build_parts(
-    prepared: PreparedScenario, folder: Path, targets: Sequence[Platform], compiler: str, notify: Callable[[str], None]
+    prepared: PreparedScenario,
+    folder: Path,
+    targets: Sequence[Platform],
+    settings: Settings,
+    notify: Callable[[str], None],
 ) -> dict[str, Part]:
     """Units by instance, their files in `folder`."""
     parts, units = {}, []
@@ -50,7 +55,8 @@ def build_parts(
         parts[instance] = Part(unit=declared.unit, variables=units[-1].interface.variables)
     if units:
         notify(f"building {', '.join(unit.interface.unit_name for unit in units)}")
-        build_native_units(units, [target.name for target in targets], compiler, version=version("flexbeams"))
+        names, cache = [target.name for target in targets], settings.build_folder
+        build_native_units(units, names, settings.compiler, cache=cache, version=version("flexbeams"))
     return parts
 
 

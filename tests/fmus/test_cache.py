@@ -11,11 +11,14 @@ import pytest
 from flexbeams.controller.design import Design
 from flexbeams.controller.options import DesignOptions
 from flexbeams.fmus.packaging import build, cache, designs, kept_units
+from flexbeams.fmus.packaging.compilers import Compiler, host_platform
+from flexbeams.fmus.packaging.native import build_native_units
 from flexbeams.fmus.units.beam_plant import BEAM_PLANT
 from flexbeams.plant.errors import InputError
 from flexbeams.plant.structure import Structure
 from flexbeams.scenarios.cli.main import main
 from tests.helpers import design_of
+from tests.native.workshop import native_unit, needs_zig
 
 posix = pytest.mark.skipif(os.name != "posix", reason="owners and modes are those of POSIX")
 
@@ -101,7 +104,7 @@ def test_damaged_units_are_built_again(tmp_path: Path, monkeypatch: pytest.Monke
     design = design_of("single_beam")
     model, builds = design.model(), []
 
-    def build_units(kinds: Any, design: Any, model: Any, folder: Path, *, backend: str, compiler: str) -> list[Path]:
+    def build_units(kinds: Any, design: Any, model: Any, folder: Path, *, backend: str, **_: Any) -> list[Path]:
         builds.append(folder)
         file = folder / backend / f"{kinds[0].name}.fmu"
         file.write_bytes(b"a unit")
@@ -190,3 +193,46 @@ def test_nothing_of_the_current_folder_runs_and_only_results_are_left(
     assert main(["run", "single_beam", "--stop-time", "0.01", "--no-figures", "--no-report"]) == 0
     assert {p.name for p in tmp_path.iterdir()} == {"build", "results"}
     assert [p.name for p in (tmp_path / "build").rglob("*") if p.is_file()] == [planted.name]
+
+
+@needs_zig
+@pytest.mark.native
+def test_code_is_compiled_once_for_all_designs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another design takes its tables only, to the same bytes as without a cache; damaged code is compiled again."""
+    root, compiled = tmp_path / "cache", []
+    make = Compiler.make
+
+    def counted(compiler: Compiler, out: Path, *more: Any) -> None:
+        compiled.append(out.name)
+        make(compiler, out, *more)
+
+    monkeypatch.setattr(Compiler, "make", counted)
+
+    def built(structure: str, where: Path | None) -> bytes:
+        compiled.clear()
+        unit = native_unit("MfcActuator", design_of(structure), tmp_path / "MfcActuator.fmu")
+        build_native_units([unit], cache=where)
+        return unit.out.read_bytes()
+
+    alone = built("kiel", None)
+    assert built("kiel", root) == alone
+    assert compiled == ["MfcActuator.o", f"MfcActuator{host_platform().suffix}"]
+    other = built("five_beams", root)
+    assert other != alone
+    assert compiled == [f"MfcActuator{host_platform().suffix}"]
+    (kept,) = root.glob("code/*.o")
+    damage(kept, "one bit")
+    assert built("kiel", root) == alone
+    assert compiled == ["MfcActuator.o", f"MfcActuator{host_platform().suffix}"]
+    assert cache.is_sound(kept, root)
+
+
+@needs_zig
+@pytest.mark.native
+def test_units_are_built_where_no_cache_can_be(tmp_path: Path) -> None:
+    """Only a run needs one."""
+    (tmp_path / "cache").write_bytes(b"a file")
+    unit = native_unit("MfcActuator", design_of(), tmp_path / "MfcActuator.fmu")
+    build_native_units([unit], cache=tmp_path / "cache")
+    assert unit.out.is_file()
+    assert (tmp_path / "cache").read_bytes() == b"a file"

@@ -542,7 +542,7 @@ def test_a_failing_compiler_is_reported_in_one_line(tmp_path: Path) -> None:
     script.chmod(0o755)
     unit = native_unit("TrackingController", design_of(), tmp_path / "unit.fmu")
     with pytest.raises(
-        BuildError, match=r"^TrackingController.so for \S+ cannot be compiled: Unit_tables.h:2: error: b"
+        BuildError, match=r"^TrackingController.o for \S+ cannot be compiled: Unit_tables.h:2: error: b"
     ):
         build_native_units([unit], compiler=str(script))
     assert not unit.out.exists()

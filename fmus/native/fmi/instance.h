@@ -39,7 +39,7 @@ typedef struct {
 } UnitDescription;
 
 /* The unit that this file is compiled into; its tables define it. */
-INTERNAL const UnitDescription this_unit;
+SHARED const UnitDescription this_unit;
 
 typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
 

@@ -233,7 +233,7 @@ static void beam_plant_complete(UnitInstance *unit)
     unit->values[plant->energy] = sum / 2;
 }
 
-INTERNAL_DATA const UnitHooks beam_plant_hooks = {
+SHARED_DATA const UnitHooks beam_plant_hooks = {
     .state_size = beam_plant_state_size,
     .workspace_size = beam_plant_workspace_size,
     .initialise = beam_plant_initialise,

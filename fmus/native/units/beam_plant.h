@@ -54,6 +54,6 @@ typedef struct {
     SparseRows outputs; /* (points + gauges + stations + beams, n): y_pi, y_pm, w and the tips' deflections */
 } BeamPlantData;
 
-INTERNAL const UnitHooks beam_plant_hooks;
+SHARED const UnitHooks beam_plant_hooks;
 
 #endif

@@ -251,7 +251,7 @@ static void closed_loop_complete(UnitInstance *unit)
     for_each_part(unit, complete_part, 0.0, 0.0);
 }
 
-INTERNAL_DATA const UnitHooks closed_loop_hooks = {
+SHARED_DATA const UnitHooks closed_loop_hooks = {
     .state_size = closed_loop_state_size,
     .workspace_size = closed_loop_workspace_size,
     .initialise = closed_loop_initialise,

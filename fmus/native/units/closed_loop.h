@@ -32,6 +32,6 @@ typedef struct {
     bool is_sequential;    /* Gauss-Seidel: a part takes the newest values; else all take those of t_k */
 } ClosedLoopData;
 
-INTERNAL const UnitHooks closed_loop_hooks;
+SHARED const UnitHooks closed_loop_hooks;
 
 #endif

@@ -123,7 +123,7 @@ static bool flatness_feedforward_restore(UnitInstance *unit)
     return true;
 }
 
-INTERNAL_DATA const UnitHooks flatness_feedforward_hooks = {
+SHARED_DATA const UnitHooks flatness_feedforward_hooks = {
     .state_size = feedforward_state_size,
     .workspace_size = feedforward_workspace_size,
     .initialise = flatness_feedforward_initialise,

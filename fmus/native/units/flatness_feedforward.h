@@ -42,6 +42,6 @@ typedef struct {
     const double *curves;            /* (durations, intervals + 1): D_u(d/dt) Theta on the grid; NULL of splines */
 } FlatnessFeedforwardData;
 
-INTERNAL const UnitHooks flatness_feedforward_hooks;
+SHARED const UnitHooks flatness_feedforward_hooks;
 
 #endif

@@ -178,7 +178,7 @@ static bool mfc_actuator_restore(UnitInstance *unit)
     return mfc_restore(unit, &actuator->parameters);
 }
 
-INTERNAL_DATA const UnitHooks mfc_actuator_hooks = {
+SHARED_DATA const UnitHooks mfc_actuator_hooks = {
     .state_size = mfc_actuator_state_size,
     .initialise = mfc_actuator_initialise,
     .differentiate = mfc_actuator_differentiate,

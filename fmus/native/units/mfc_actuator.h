@@ -16,6 +16,6 @@ typedef struct {
     unsigned resolution;
 } MfcActuatorData;
 
-INTERNAL const UnitHooks mfc_actuator_hooks;
+SHARED const UnitHooks mfc_actuator_hooks;
 
 #endif

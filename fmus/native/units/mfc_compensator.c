@@ -145,7 +145,7 @@ static bool mfc_compensator_restore(UnitInstance *unit)
     return true;
 }
 
-INTERNAL_DATA const UnitHooks mfc_compensator_hooks = {
+SHARED_DATA const UnitHooks mfc_compensator_hooks = {
     .state_size = mfc_compensator_state_size,
     .workspace_size = mfc_compensator_workspace_size,
     .initialise = mfc_compensator_initialise,

@@ -11,6 +11,6 @@ typedef struct {
     unsigned u;
 } MfcCompensatorData;
 
-INTERNAL const UnitHooks mfc_compensator_hooks;
+SHARED const UnitHooks mfc_compensator_hooks;
 
 #endif

@@ -199,7 +199,7 @@ static bool signal_source_advance(UnitInstance *unit, double time, double step)
     return true;
 }
 
-INTERNAL_DATA const UnitHooks signal_source_hooks = {
+SHARED_DATA const UnitHooks signal_source_hooks = {
     .initialise = signal_source_initialise,
     .advance = signal_source_advance,
 };

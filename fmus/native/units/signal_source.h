@@ -45,6 +45,6 @@ typedef struct {
     const unsigned char *bits; /* the binary sequences, each from a whole byte on, bit 0 first */
 } SignalSourceData;
 
-INTERNAL const UnitHooks signal_source_hooks;
+SHARED const UnitHooks signal_source_hooks;
 
 #endif

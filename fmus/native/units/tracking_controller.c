@@ -316,7 +316,7 @@ static bool tracking_controller_restore(UnitInstance *unit)
     return unit_refuse(unit, "FMU state must have contents that this unit can have saved");
 }
 
-INTERNAL_DATA const UnitHooks tracking_controller_hooks = {
+SHARED_DATA const UnitHooks tracking_controller_hooks = {
     .state_size = tracking_controller_state_size,
     .workspace_size = tracking_controller_workspace_size,
     .initialise = tracking_controller_initialise,

@@ -38,6 +38,6 @@ typedef struct {
     const double *integral_range; /* (voltages, voltages), no panels: projection onto the range of G_0^+ */
 } TrackingControllerData;
 
-INTERNAL const UnitHooks tracking_controller_hooks;
+SHARED const UnitHooks tracking_controller_hooks;
 
 #endif

@@ -17,7 +17,7 @@ static bool gain_advance(UnitInstance *unit, double time, double step)
     return gain_initialise(unit);
 }
 
-INTERNAL_DATA const UnitHooks gain_hooks = {
+SHARED_DATA const UnitHooks gain_hooks = {
     .initialise = gain_initialise,
     .advance = gain_advance,
 };

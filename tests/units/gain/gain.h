@@ -13,6 +13,6 @@ typedef struct {
     const double *weights; /* (width,) */
 } GainData;
 
-INTERNAL const UnitHooks gain_hooks;
+SHARED const UnitHooks gain_hooks;
 
 #endif
