@@ -47,7 +47,7 @@ targets = [{ time = 0.01, value = [-8e-3, 1e-3, 4e-3, -6e-3] }]
 )
 PARAMETERS = """title = "batch"
 scenario = "batched.toml"
-runs = 6
+runs = 11
 [[parameter]]
 name = "plant.beam[].tip_mass"
 range = [0.8, 1.2]
@@ -191,7 +191,7 @@ def test_a_sample_outside_leaves_its_neighbours_alone(plan_of: Callable[..., Stu
     with Batch(batch.task, libraries) as loop:
         whole, _ = loop.run(values)
         figures, covered = loop.run(broken)
-    assert covered.tolist() == [True, False, *[True] * 4]
+    assert covered.tolist() == [True, False, *[True] * 9]
     assert np.array_equal(figures[covered], whole[covered])
     with Batch(pushed, libraries) as loop:
         assert not loop.run(values)[1].any()

@@ -144,8 +144,10 @@ void batch_run(Batch *batch, size_t count, const double *values, double *figures
     const size_t size = (size_t)batch->task->measure_count * BATCH_FIGURES;
     double *const own = calloc(width * LANES, sizeof *own);
     for (size_t first = 0; first < count; first += LANES) {
-        int32_t group[LANES] = {BATCH_OUTSIDE, BATCH_OUTSIDE, BATCH_OUTSIDE, BATCH_OUTSIDE};
+        int32_t group[LANES];
         const size_t filled = count - first < LANES ? count - first : LANES;
+        for (size_t lane = 0; lane < LANES; lane++)
+            group[lane] = BATCH_OUTSIDE;
         if (own != NULL) {
             for (size_t lane = 0; lane < LANES; lane++) /* lanes that are left over repeat the last sample */
                 memcpy(own + lane * width, values + (first + (lane < filled ? lane : filled - 1)) * width,

@@ -1,4 +1,4 @@
-/* The standard loop of many plants at once: plants differ, controller and feedforward are the same. Samples run four
+/* The standard loop of many plants at once: plants differ, controller and feedforward are the same. Samples run eight
    side by side, each group from its first step to its last; measures are taken on the fly. The results of a sample do
    not depend on those beside it, nor on the instruction set: nothing is contracted or reordered. */
 #ifndef FLEXBEAMS_BATCH_H

@@ -1,4 +1,6 @@
 /* The controller of a group: one filter and one law for all samples. */
+#define NARROW_PARTS
+
 #include <string.h>
 
 #include "batch_kernel.h"
@@ -20,7 +22,7 @@ void start_controller(Batch *batch, Lanes *u)
 }
 
 /* Parts that are taken at once, as all need the same numbers. */
-#define ABREAST (PARTS < 2 ? PARTS : 2)
+#define ABREAST 2
 
 INLINE void grow_filter(size_t inputs, const Batch *batch, const Part *input)
 {
@@ -75,11 +77,11 @@ INLINE void sum_law(size_t width, const Batch *batch, size_t first)
     }
 }
 
-void step_filter(Batch *batch, const Part *inputs)
+void step_filter(Batch *batch, size_t later)
 {
     const size_t rows = 2 * batch->sizes.voltages;
     const size_t width = chunk_width(rows);
-    AT_COUNT(batch->sizes.filter_inputs, grow_filter, batch, inputs)
+    AT_COUNT(batch->sizes.filter_inputs, grow_filter, batch, inputs_of(batch, later))
     for (size_t first = 0; first < rows; first += width)
         AT_COUNT(width, sum_law, batch, first)
     for (size_t i = 0; i < rows; i++)

@@ -39,12 +39,6 @@ static bool is_any_noisy(const Batch *batch, const double *values)
     return false;
 }
 
-/* Where the inputs of the controller's next tick but `later` are. */
-static Part *inputs_of(const Batch *batch, size_t later)
-{
-    return batch->at.inputs + later * batch->sizes.filter_inputs * PARTS;
-}
-
 /* The tick at step `number`, which gives the voltages of the next one. */
 static void tick(Batch *batch, int64_t number, size_t later)
 {
@@ -56,7 +50,7 @@ static void tick(Batch *batch, int64_t number, size_t later)
         spread_lanes(u[i], inputs + i * PARTS);
     for (size_t k = 0; k < s->gauges; k++)
         spread_lanes(y[s->points + k], inputs + (s->voltages + k) * PARTS);
-    step_filter(batch, inputs);
+    step_filter(batch, later);
     regulate(batch, batch->references + (size_t)number * 2 * s->voltages, u, voltages_of(batch, number + 1));
 }
 

@@ -1,4 +1,4 @@
-/* The inner loop of a batch: one group of four samples from the first step to the last. */
+/* The inner loop of a batch: one group of eight samples from the first step to the last. */
 #ifndef FLEXBEAMS_BATCH_KERNEL_H
 #define FLEXBEAMS_BATCH_KERNEL_H
 
@@ -75,6 +75,12 @@ INLINE Lanes *voltages_of(const Batch *batch, int64_t number)
     return row_of(batch, number) + batch->sizes.output_rows;
 }
 
+/* Where the inputs (filter_inputs, PARTS) of the controller's next tick but `later` are. */
+INLINE Part *inputs_of(const Batch *batch, size_t later)
+{
+    return batch->at.inputs + later * batch->sizes.filter_inputs * PARTS;
+}
+
 /* Numbers of a pair of the filter. */
 INLINE size_t filter_stride(const LoopSizes *s)
 {
@@ -115,8 +121,8 @@ void write_outputs_twice(Batch *batch, Lanes *halfway, Lanes *y);
 
 /* The filter starts at the reference; voltages of the first step: the feedforward's. */
 void start_controller(Batch *batch, Lanes *u);
-/* The filter's z after a tick with inputs (filter_inputs, PARTS), and the law's sums of it. */
-void step_filter(Batch *batch, const Part *inputs);
+/* The filter's z after the next tick but `later`, and the law's sums of it. */
+void step_filter(Batch *batch, size_t later);
 /* Voltages `next` = u_ff + K (x_ref - x_est) + integral within the limits, after u; see tracking_controller.c. */
 void regulate(Batch *batch, const double *reference, const Lanes *u, Lanes *next);
 

@@ -1,4 +1,4 @@
-/* The modal forms of four plants side by side. In energy coordinates x = (x_1, x_2) a plant is x_1' = C' x_2,
+/* The modal forms of eight plants side by side. In energy coordinates x = (x_1, x_2) a plant is x_1' = C' x_2,
    x_2' = -C x_1 - G x_2 + B v, y = R x_1 with a symmetric G, see plant_matrices.h. The singular values and vectors
    C = U S V' are its undamped modes (one-sided Jacobi method); from each of them the damped mode s, v of
    s^2 v + s U'GU v + S^2 v = 0 follows by a fixed-point iteration. Left vectors are the right ones with the sign of x_2

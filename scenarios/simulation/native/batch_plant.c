@@ -33,7 +33,8 @@ size_t lanes_size(const LoopSizes *s, size_t measures)
 {
     const size_t single =
         ROWS * (s->output_rows + s->voltages) + s->law_rows + 2 * s->voltages + measures * BATCH_FIGURES + 1;
-    return 2 * s->plant_pairs * PART + LANES * (2 * couple_count(s) + single);
+    const size_t driven = (2 * s->plant_pairs * PART + LANES - 1) / LANES; /* of which other lanes follow */
+    return LANES * (2 * couple_count(s) + single + driven);
 }
 
 void place_lanes(Batch *batch, double *memory)
@@ -43,8 +44,7 @@ void place_lanes(Batch *batch, double *memory)
     at->plant = (Part *)memory;
     at->z = at->plant + PARTS * s->plant_pairs * plant_stride(s);
     at->halfway = at->z + PARTS * s->plant_pairs;
-    at->driven = at->halfway + PARTS * s->plant_pairs;
-    at->filter_z = at->driven + 2 * s->plant_pairs;
+    at->filter_z = at->halfway + PARTS * s->plant_pairs;
     at->inputs = at->filter_z + PARTS * s->filter_pairs;
     at->sums = at->inputs + 2 * PARTS * s->filter_inputs;
     at->force = at->sums + 2 * PARTS * sum_rows(s);
@@ -54,6 +54,7 @@ void place_lanes(Batch *batch, double *memory)
     at->growth = at->integral + s->voltages;
     at->figures = at->growth + s->voltages;
     at->strain = at->figures + (size_t)batch->task->measure_count * BATCH_FIGURES;
+    at->driven = (Part *)(at->strain + 1);
 }
 
 /* A number of a pair of the plant. */

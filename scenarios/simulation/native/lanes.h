@@ -1,6 +1,9 @@
-/* Four doubles side by side, one of each of four samples; and two of each sample, such as the coordinates of a pair, in
-   parts of as many doubles as a register holds. Where there are no vector types the same operations on plain doubles
-   give the same bits; FLEXBEAMS_PLAIN_LANES chooses these. */
+/* Eight doubles side by side, one of each of eight samples; and two of each sample, such as the coordinates of a pair,
+   in parts of as many doubles as a register holds. Where there are no vector types the same operations on plain doubles
+   give the same bits; FLEXBEAMS_PLAIN_LANES chooses these.
+
+   To fill a register of 512 bits with a couple that is the same for all samples takes a shuffle, one of 256 bits comes
+   with the load: a file that multiplies by such couples defines NARROW_PARTS. Parts lie in memory in the same way. */
 #ifndef FLEXBEAMS_LANES_H
 #define FLEXBEAMS_LANES_H
 
@@ -8,9 +11,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#define LANES 4
+#define LANES 8
 
-#if defined(__AVX512F__)
+#if defined(__AVX512F__) && !defined(NARROW_PARTS)
 #define PART 8
 #elif defined(__AVX__)
 #define PART 4
@@ -44,7 +47,7 @@ typedef double Lanes __attribute__((vector_size(8 * LANES)));
 typedef long long LaneMask __attribute__((vector_size(8 * LANES)));
 typedef double Part __attribute__((vector_size(8 * PART)));
 
-#define lanes_of(value) ((Lanes){(value), (value), (value), (value)})
+#define lanes_of(value) ((Lanes){(value), (value), (value), (value), (value), (value), (value), (value)})
 #define lanes_add(a, b) ((a) + (b))
 #define lanes_subtract(a, b) ((a) - (b))
 #define lanes_multiply(a, b) ((a) * (b))
@@ -73,7 +76,10 @@ INLINE Lanes lanes_smaller(Lanes a, Lanes b)
 
 INLINE bool lanes_any(LaneMask mask)
 {
-    return (mask[0] | mask[1] | mask[2] | mask[3]) != 0;
+    long long any = 0;
+    for (int l = 0; l < LANES; l++)
+        any |= mask[l];
+    return any != 0;
 }
 
 #define part_add(a, b) ((a) + (b))
@@ -111,34 +117,53 @@ INLINE void spread_lanes(Lanes a, Part to[PARTS])
 {
 #if PART == 8
     to[0] = __builtin_shufflevector(a, a, 0, 0, 1, 1, 2, 2, 3, 3);
+    to[1] = __builtin_shufflevector(a, a, 4, 4, 5, 5, 6, 6, 7, 7);
 #elif PART == 4
     to[0] = __builtin_shufflevector(a, a, 0, 0, 1, 1);
     to[1] = __builtin_shufflevector(a, a, 2, 2, 3, 3);
+    to[2] = __builtin_shufflevector(a, a, 4, 4, 5, 5);
+    to[3] = __builtin_shufflevector(a, a, 6, 6, 7, 7);
 #else
     to[0] = __builtin_shufflevector(a, a, 0, 0);
     to[1] = __builtin_shufflevector(a, a, 1, 1);
     to[2] = __builtin_shufflevector(a, a, 2, 2);
     to[3] = __builtin_shufflevector(a, a, 3, 3);
+    to[4] = __builtin_shufflevector(a, a, 4, 4);
+    to[5] = __builtin_shufflevector(a, a, 5, 5);
+    to[6] = __builtin_shufflevector(a, a, 6, 6);
+    to[7] = __builtin_shufflevector(a, a, 7, 7);
 #endif
 }
+
+/* The sums of the samples in two parts. */
+#if PART == 8
+#define SUMS_OF(a, b)                                                                                                  \
+    (__builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14) +                                                        \
+     __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15))
+#elif PART == 4
+#define SUMS_OF(a, b) (__builtin_shufflevector(a, b, 0, 2, 4, 6) + __builtin_shufflevector(a, b, 1, 3, 5, 7))
+#else
+#define SUMS_OF(a, b) (__builtin_shufflevector(a, b, 0, 2) + __builtin_shufflevector(a, b, 1, 3))
+#endif
 
 /* Of each sample the sum of its two. */
 INLINE Lanes sum_couples(const Part parts[PARTS])
 {
 #if PART == 8
-    const Lanes firsts = __builtin_shufflevector(parts[0], parts[0], 0, 2, 4, 6);
-    const Lanes seconds = __builtin_shufflevector(parts[0], parts[0], 1, 3, 5, 7);
-    return firsts + seconds;
+    return SUMS_OF(parts[0], parts[1]);
 #elif PART == 4
-    const Lanes firsts = __builtin_shufflevector(parts[0], parts[1], 0, 2, 4, 6);
-    const Lanes seconds = __builtin_shufflevector(parts[0], parts[1], 1, 3, 5, 7);
-    return firsts + seconds;
+    const Part lower = SUMS_OF(parts[0], parts[1]);
+    const Part upper = SUMS_OF(parts[2], parts[3]);
+    return __builtin_shufflevector(lower, upper, 0, 1, 2, 3, 4, 5, 6, 7);
 #else
-    const Part lower =
-        __builtin_shufflevector(parts[0], parts[1], 0, 2) + __builtin_shufflevector(parts[0], parts[1], 1, 3);
-    const Part upper =
-        __builtin_shufflevector(parts[2], parts[3], 0, 2) + __builtin_shufflevector(parts[2], parts[3], 1, 3);
-    return __builtin_shufflevector(lower, upper, 0, 1, 2, 3);
+    typedef double Half __attribute__((vector_size(4 * LANES)));
+    const Part first = SUMS_OF(parts[0], parts[1]);
+    const Part second = SUMS_OF(parts[2], parts[3]);
+    const Part third = SUMS_OF(parts[4], parts[5]);
+    const Part fourth = SUMS_OF(parts[6], parts[7]);
+    const Half lower = __builtin_shufflevector(first, second, 0, 1, 2, 3);
+    const Half upper = __builtin_shufflevector(third, fourth, 0, 1, 2, 3);
+    return __builtin_shufflevector(lower, upper, 0, 1, 2, 3, 4, 5, 6, 7);
 #endif
 }
 
@@ -184,7 +209,10 @@ LANES_FUNCTION(Part, PART, part_exchanged, (Part a), a.of[l ^ 1])
 
 INLINE bool lanes_any(LaneMask mask)
 {
-    return mask.of[0] || mask.of[1] || mask.of[2] || mask.of[3];
+    int any = 0;
+    for (int l = 0; l < LANES; l++)
+        any |= mask.of[l];
+    return any != 0;
 }
 
 INLINE void spread_lanes(Lanes a, Part to[PARTS])
