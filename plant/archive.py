@@ -3,6 +3,7 @@
 import io
 import os
 import re
+import threading
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -53,7 +54,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     """A file to write, which gets its name at the end, or does not exist after an error; errors as of write_whole."""
     if exists(path) and not isfile(path):
         raise InputError("", "must be a regular file or a new path", source=str(path))
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    draft = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_native_id()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _sweep_drafts(path)
@@ -81,7 +82,7 @@ def _draft(draft: Path) -> Iterator[BinaryIO]:
 
 def _sweep_drafts(path: Path) -> None:
     """Removes drafts of a file that killed processes left; on Windows, those in use cannot be removed."""
-    name = re.compile(rf"\.{re.escape(path.name)}\.[0-9]+\.tmp")
+    name = re.compile(rf"\.{re.escape(path.name)}\.[0-9-]+\.tmp")
     with os.scandir(path.parent) as entries:
         drafts = [Path(e.path) for e in entries if name.fullmatch(e.name) and e.is_file(follow_symlinks=False)]
     for draft in drafts:

@@ -4,7 +4,7 @@ The mathematics in fmus/native does not depend on a design; a design changes one
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -104,28 +104,27 @@ def build_native_units(
     """
     targets, tool = chosen_platforms(platforms), find_compiler(compiler)
     with temporary_folder() as temporary, ThreadPoolExecutor(_JOBS) as pool:
-        jobs = []
-        for k, unit in enumerate(units):
-            sources, description = unit_sources(unit, **attributes)
-            binaries = {}
+        contents = [unit_sources(unit, **attributes) for unit in units]
+        places: dict[tuple[int, Platform], Path] = {}
+        codes: dict[tuple[bytes, Platform], Future[Path]] = {}  # of equal sources once, and all before one is linked
+        for k, (files, _) in enumerate(contents):
             for target in targets:
-                folder = temporary / f"{k}-{target.name}"
-                folder.mkdir()
-                for file, content in sources.items():
-                    (folder / file).write_bytes(content)
-                resources = _resources(unit, folder, target, tool, attributes.get("version", ""))
-                binaries[target] = pool.submit(
-                    _compiled, folder, unit.interface.unit_name, resources, target, tool, cache
-                )
-            jobs.append((unit, sources, description, binaries))
-        for unit, sources, description, binaries in jobs:
+                source = places[k, target] = _written(files, units[k], temporary / f"{k}-{target.name}")
+                if (files[source.name], target) not in codes:
+                    made = pool.submit(code_object, source, [HEADERS], tool, target, _DEFINITIONS, cache)
+                    codes[files[source.name], target] = made
+        libraries = {}
+        for (k, target), source in places.items():
+            code, version = codes[contents[k][0][source.name], target], attributes.get("version", "")
+            libraries[k, target] = pool.submit(_linked, units[k], source, code, target, tool, version)
+        for k, (unit, (files, description)) in enumerate(zip(units, contents, strict=True)):
             entries = {"modelDescription.xml": description, **_documents(unit), **unit.extra}
-            entries |= {f"sources/{name}": content for name, content in sources.items()}
+            entries |= {f"sources/{name}": content for name, content in files.items()}
             compiled = {}
-            for target, binary in binaries.items():
+            for target in targets:
                 if len(targets) > 1:
                     notify(f"compiling {unit.interface.unit_name} for {target.name}")
-                compiled[target] = binary.result()
+                compiled[target] = libraries[k, target].result()
             entries |= binary_entries(unit.interface.unit_name, compiled)
             write_whole(unit.out, zip_bytes(entries))
     return [unit.out for unit in units]
@@ -159,24 +158,26 @@ def compiled_file(unit: str) -> str:
     return f"{unit}.c"
 
 
-def _compiled(
-    folder: Path, name: str, resources: Sequence[Path], target: Platform, tool: Compiler, cache: Path | None
+def _written(files: Mapping[str, bytes], unit: NativeUnit, folder: Path) -> Path:
+    """The file to compile, beside the others in a new folder."""
+    folder.mkdir()
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return folder / compiled_file(unit.interface.unit_name)
+
+
+def _linked(
+    unit: NativeUnit, source: Path, code: Future[Path], target: Platform, tool: Compiler, version: str
 ) -> bytes:
-    """The shared library of the unit whose sources are in `folder`."""
-    library, source = folder / f"{name}{target.suffix}", folder / compiled_file(name)
-    code = code_object(source, [HEADERS], tool, target, _DEFINITIONS, cache)
-    tool.build(library, [source, code, *resources], [HEADERS], target, [*_DEFINITIONS, "TABLES_ONLY"])
+    """The shared library: tables, and code once that is compiled; on Windows with the version that it shows."""
+    library = source.with_suffix(target.suffix)
+    files = [source, code.result()]
+    if tool.is_zig and target.suffix == ".dll":
+        files.append(source.with_suffix(".res"))
+        files[-1].write_bytes(version_resource(unit.interface, library.name, version))
+    tool.build(library, files, [HEADERS], target, [*_DEFINITIONS, "TABLES_ONLY"])
     content = library.read_bytes()
     return fmi_exports(content) if target.suffix == ".dylib" else content
-
-
-def _resources(unit: NativeUnit, folder: Path, target: Platform, tool: Compiler, version: str) -> list[Path]:
-    """The file with the version that Windows shows, where there is one."""
-    if not tool.is_zig or target.suffix != ".dll":
-        return []
-    file = folder / f"{unit.interface.unit_name}.res"
-    file.write_bytes(version_resource(unit.interface, f"{unit.interface.unit_name}{target.suffix}", version))
-    return [file]
 
 
 def _documents(unit: NativeUnit) -> dict[str, bytes]:

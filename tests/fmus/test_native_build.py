@@ -600,7 +600,8 @@ def test_each_target_of_several_is_named(tmp_path: Path, monkeypatch: pytest.Mon
     """A line for each binary before it is waited for; none for the only one."""
     from flexbeams.fmus.packaging import native
 
-    monkeypatch.setattr(native, "_compiled", lambda *_: b"binary")
+    monkeypatch.setattr(native, "code_object", lambda *_: Path())
+    monkeypatch.setattr(native, "_linked", lambda *_: b"binary")
     unit = native_unit("BeamPlant", design_of("single_beam"), tmp_path / "BeamPlant.fmu")
     notes: list[str] = []
     native.build_native_units([unit], ["x86_64-linux"], notify=notes.append)
