@@ -1,15 +1,20 @@
 """C compilers: the ziglang wheel, which builds for every platform, or the system's, which builds for this machine."""
 
+import atexit
 import importlib.util
+import os
 import platform
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from flexbeams.fmus.errors import BuildError
+from flexbeams.plant.temporary import temporary_folder
 from flexbeams.plant.versions import installed_version
 
 FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion")
@@ -147,7 +152,14 @@ class Compiler:
             *map(str, inputs),
         ]
         try:
-            done = subprocess.run(command, cwd=out.parent, capture_output=True, text=True, errors="replace")
+            done = subprocess.run(
+                command,
+                cwd=out.parent,
+                env=os.environ | (zig_environment() if self.is_zig else {}),
+                capture_output=True,
+                text=True,
+                errors="replace",
+            )
         except OSError as error:
             raise BuildError(f"{self.command[0]} cannot be run: {error.strerror}") from None
         if done.returncode != 0 or not out.is_file():
@@ -174,6 +186,28 @@ def find_compiler(name: str = "zig") -> Compiler:
             "pip install ziglang and choose zig"
         )
     return Compiler(name=name, command=(path,))
+
+
+@cache
+def zig_environment() -> dict[str, str]:
+    """Environment variables that zig needs here.
+
+    It keeps the C library that it compiles in the user's cache. Where that cannot be written, as in containers without
+    a home, this process has a folder of its own for it.
+    """
+    if os.name != "posix" or os.environ.get("ZIG_GLOBAL_CACHE_DIR"):
+        return {}
+    home = os.environ.get("HOME")
+    caches = os.environ.get("XDG_CACHE_HOME") or (home and f"{home}/.cache")
+    with suppress(OSError):
+        if caches:
+            folder = Path(caches, "zig")
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK | os.X_OK):
+                return {}
+    stack = ExitStack()
+    atexit.register(stack.close)
+    return {"ZIG_GLOBAL_CACHE_DIR": str(stack.enter_context(temporary_folder()))}
 
 
 def compiler_version(name: str) -> str:

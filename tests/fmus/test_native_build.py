@@ -29,6 +29,7 @@ from flexbeams.fmus.packaging.compilers import PLATFORMS, chosen_platforms, find
 from flexbeams.fmus.packaging.native import HEADERS, build_native_units, unit_sources
 from flexbeams.fmus.packaging.version_resource import version_resource
 from flexbeams.fmus.units.native_kernel import NATIVE
+from tests.compilations import compile_anew
 from tests.helpers import ROOT, STRUCTURES, UNITS, Workshop, design_of
 from tests.native.mach_o import ARM64, X86_64, read_library, universal
 from tests.native.workshop import (
@@ -549,6 +550,28 @@ def test_a_failing_compiler_is_reported_in_one_line(tmp_path: Path) -> None:
     script.write_text("#!/nowhere/sh\n")
     with pytest.raises(BuildError, match="cc cannot be run: No such file"):
         build_native_units([unit], compiler=str(script))
+
+
+@needs_zig
+@pytest.mark.skipif(sys.platform == "win32", reason="the folder is that of POSIX")
+def test_a_user_without_a_home_can_compile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zig has no folder of the user's then, and in some of them never ends."""
+    source, library = tmp_path / "one.c", tmp_path / "one.so"
+    source.write_text("int one(void);\nint one(void) { return 1; }\n")
+    for name in ("XDG_CACHE_HOME", "ZIG_GLOBAL_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(source / "home"))
+    compilers.zig_environment.cache_clear()
+    try:
+        (folder,) = compilers.zig_environment().values()
+        compile_anew(find_compiler("zig"), library, ["-shared"], [], [], [source], host_platform())
+        assert library.is_file()
+        assert any(Path(folder).iterdir())
+        monkeypatch.setenv("HOME", str(tmp_path))
+        compilers.zig_environment.cache_clear()
+        assert compilers.zig_environment() == {}
+    finally:
+        compilers.zig_environment.cache_clear()
 
 
 def test_extra_files_go_into_the_unit(tmp_path: Path) -> None:
